@@ -1,0 +1,35 @@
+"""The error tree of visualrhp.
+
+Every error that a caller can act on derives from :class:`VisualRHPError`. A message is one paragraph that says
+what was wrong, where (a key, a file, an index), and what would be right.
+"""
+
+from __future__ import annotations
+
+
+class VisualRHPError(Exception):
+    """Base class of every error raised on purpose by visualrhp."""
+
+
+class ConfigError(VisualRHPError):
+    """A parameter is unknown, of the wrong type or out of range."""
+
+
+class SceneError(VisualRHPError):
+    """A scene or a state cannot be simulated: degenerate polygon, overlapping start, object outside the edges."""
+
+
+class ActionError(VisualRHPError):
+    """An action does not belong to the action space: wrong shape, not finite, index out of range."""
+
+
+class SimulationError(VisualRHPError):
+    """The physics diverged (a pose is not finite)."""
+
+
+class DataError(VisualRHPError):
+    """A data file is missing, damaged, or was made for something else."""
+
+
+class CheckpointError(VisualRHPError):
+    """A checkpoint is missing, damaged, or of another action space, representation or architecture."""
