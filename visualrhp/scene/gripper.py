@@ -1,0 +1,57 @@
+"""Outline of the two-finger gripper seen from above, modelled after the Robotiq 2F-85 (paper, footnote 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from visualrhp.scene.geometry import to_world
+from visualrhp.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Gripper:
+    """Geometry of palm and fingers in the gripper frame: x forward, y left, origin between the finger pads. Metres.
+
+    Attributes:
+        stroke: largest opening between the inner faces of the fingers.
+        finger_reach: x of the fingertips.
+        finger_length: from the palm to the fingertips.
+        finger_thickness: lateral.
+        palm_length: longitudinal.
+        palm_front_width: width of the palm at the fingers.
+        palm_back_width: width of the palm at the wrist.
+    """
+
+    stroke: float = 0.085
+    finger_reach: float = 0.02
+    finger_length: float = 0.05
+    finger_thickness: float = 0.012
+    palm_length: float = 0.06
+    palm_front_width: float = 0.10
+    palm_back_width: float = 0.075
+
+    @property
+    def palm(self) -> FloatArray:
+        """[4, 2] outline of the palm in the gripper frame, counter-clockwise."""
+        front = self.finger_reach - self.finger_length
+        back = front - self.palm_length
+        wide, narrow = self.palm_front_width / 2.0, self.palm_back_width / 2.0
+        return np.array([[back, -narrow], [front, -wide], [front, wide], [back, narrow]])
+
+    def finger(self, side: int) -> FloatArray:
+        """[4, 2] outline of a finger with its inner face on the x axis, counter-clockwise; ``side`` 1 left, -1 right."""
+        front, back = self.finger_reach, self.finger_reach - self.finger_length
+        low, high = sorted((0.0, side * self.finger_thickness))
+        return np.array([[back, low], [front, low], [front, high], [back, high]])
+
+    def outlines(self, pose: npt.ArrayLike, opening: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Palm, left and right finger, each [4, 2] in the world frame, for a gripper ``pose`` [3] and ``opening`` [m]."""
+        shift = np.array([0.0, opening / 2.0])
+        return (
+            to_world(self.palm, pose),
+            to_world(self.finger(1) + shift, pose),
+            to_world(self.finger(-1) - shift, pose),
+        )

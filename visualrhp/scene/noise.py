@@ -1,0 +1,62 @@
+"""Noise on the shape, friction and density of the objects: a world that differs from the model (paper, Sec. 8.2)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from visualrhp.errors import SceneError
+from visualrhp.scene.scene import ObjectShape, Scene
+from visualrhp.types import FloatArray
+
+NoiseLevel = Literal["none", "low", "medium", "high"]
+
+NOISE_LEVELS: dict[NoiseLevel, float] = {"none": 0.0, "low": 0.01, "medium": 0.03, "high": 0.05}
+"""Standard deviation over the mean of each noise level (footnote 7)."""
+
+_ATTEMPTS = 1000
+
+
+def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scene:
+    """A scene whose objects' parameters are drawn from Gaussians around those of ``scene``.
+
+    Every vertex's distance from the centre of mass, and each object's friction and density, has the standard deviation
+    ``relative_std`` times its mean. The desired object, edges and target stay what and where they are; masses follow.
+
+    Raises:
+        SceneError: ``relative_std`` is negative, or so large that no convex outline is found.
+    """
+    if relative_std < 0.0:
+        raise SceneError(f"the relative standard deviation of the noise is {relative_std}; it must not be negative")
+    if relative_std == 0.0:
+        return scene
+    return Scene(
+        scene.target, tuple(_perturb_object(shape, relative_std, rng) for shape in scene.objects), scene.edges, scene.gripper
+    )
+
+
+def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Generator) -> ObjectShape:
+    density = shape.density * _positive_factor(relative_std, rng)
+    friction = shape.friction * _positive_factor(relative_std, rng)
+    for _ in range(_ATTEMPTS):
+        outline = shape.outline * (1.0 + relative_std * rng.standard_normal((len(shape.outline), 1)))
+        try:
+            return ObjectShape.centred(_convex_hull(outline), density, friction)
+        except SceneError:  # a polygon with long odds (a sliver): draw its vertices anew
+            continue
+    raise SceneError(f"noise of relative standard deviation {relative_std} leaves no valid outline of an object")
+
+
+def _positive_factor(relative_std: float, rng: np.random.Generator) -> float:
+    """1 + relative_std * N(0, 1), drawn again in the far tail where it would not be positive."""
+    while (factor := 1.0 + relative_std * rng.standard_normal()) <= 0.0:
+        pass
+    return float(factor)
+
+
+def _convex_hull(points: FloatArray) -> FloatArray:
+    """Vertices of the convex hull, counter-clockwise."""
+    hull = shapely.MultiPoint(points).convex_hull
+    return shapely.get_coordinates(shapely.orient_polygons(hull))[:-1]

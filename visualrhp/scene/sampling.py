@@ -1,0 +1,199 @@
+"""Random task instances, each a function of (distribution, seed, split, index) alone (paper, Sec. 6.1 and 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import get_args
+
+import numpy as np
+import shapely
+
+from visualrhp.errors import ConfigError
+from visualrhp.scene import geometry
+from visualrhp.scene.gripper import Gripper
+from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance, square_edges
+from visualrhp.types import FloatArray, ObjectSize, State
+
+MAX_OBJECTS = 20
+"""Largest density that can be asked for; the paper goes to 7."""
+
+_ATTEMPTS_PER_OBJECT = 100
+_INSTANCE_STREAM = 0
+
+
+class Split(IntEnum):
+    """Disjoint families of task instances, so that nothing is evaluated on what it was trained on."""
+
+    DEMONSTRATIONS = 0
+    REINFORCEMENT = 1
+    VALIDATION = 2
+    EVALUATION = 3
+    TUNING = 4
+
+
+def generator_for(seed: int, split: Split, index: int, *purpose: int) -> np.random.Generator:
+    """The random stream of task instance ``index``; ``purpose`` numbers further streams beside the instance's own."""
+    key = (int(split), index, *(purpose or (_INSTANCE_STREAM,)))
+    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=key))
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeClass:
+    """Convex polygons inscribed in ellipses.
+
+    Attributes:
+        half_length: range of the longer semi-axis [m].
+        aspect: range of the shorter semi-axis over the longer.
+    """
+
+    half_length: tuple[float, float]
+    aspect: tuple[float, float]
+
+
+GRASPABLE = ShapeClass(half_length=(0.018, 0.032), aspect=(0.75, 1.0))
+"""Fits between the fingers (85 mm) from any direction."""
+
+DIRECTIONAL = ShapeClass(half_length=(0.045, 0.060), aspect=(0.40, 0.60))
+"""Longer than the stroke and narrower than it: graspable from some directions."""
+
+BULKY = ShapeClass(half_length=(0.050, 0.060), aspect=(0.88, 1.0))
+"""Too large for the gripper in (nearly) every direction."""
+
+SIZE_CLASSES: dict[ObjectSize, tuple[ShapeClass, ...]] = {
+    "small": (GRASPABLE,),
+    "mixed": (GRASPABLE, DIRECTIONAL, BULKY),
+    "large": (DIRECTIONAL, BULKY),
+}
+"""Shape classes drawn from, with equal probability, for each average object size of Sec. 8.1."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneDistribution:
+    """Parameters of the random task instances. Defaults: Sec. 7 and footnote 3. SI units.
+
+    Attributes:
+        num_objects: smallest and largest number of objects m, drawn uniformly; the desired object counts.
+        object_size: size class of all objects.
+        surface_side: side of the square surface.
+        target_radius: radius of the target region, whose centre is uniform over the surface.
+        density: mass per area of the objects [kg/m^2].
+        friction: Coulomb coefficient of the objects.
+        num_vertices: smallest and largest number of vertices of an object.
+        clearance: least distance between bodies, and of objects to the edges, at the start.
+        start_distance: range of the distance of the gripper frame's origin from its edge at the start.
+        start_angle: largest deviation of the gripper's heading from the inward normal of its edge [rad].
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    num_objects: tuple[int, int] = (1, 7)
+    object_size: ObjectSize = "mixed"
+    surface_side: float = 0.5
+    target_radius: float = 0.07
+    density: float = 1.0
+    friction: float = 0.3
+    num_vertices: tuple[int, int] = (4, 8)
+    clearance: float = 0.005
+    start_distance: tuple[float, float] = (0.01, 0.05)
+    start_angle: float = np.pi / 6
+
+    def __post_init__(self) -> None:
+        low, high = self.num_objects
+        if not 1 <= low <= high <= MAX_OBJECTS:
+            raise ConfigError(
+                f"num_objects={list(self.num_objects)}: the number of objects ranges from 1 to {MAX_OBJECTS}, the "
+                "smaller bound first"
+            )
+        if self.object_size not in get_args(ObjectSize):
+            raise ConfigError(f"object_size={self.object_size!r}: choose one of {', '.join(get_args(ObjectSize))}")
+        for name in ("surface_side", "target_radius", "density", "friction"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name}={getattr(self, name)}: must be positive")
+        if not 3 <= self.num_vertices[0] <= self.num_vertices[1]:
+            raise ConfigError(f"num_vertices={list(self.num_vertices)}: a polygon has at least 3 vertices")
+        if self.clearance < 0.0:
+            raise ConfigError(f"clearance={self.clearance}: must not be negative")
+
+
+def sample_task_instance(distribution: SceneDistribution, seed: int, split: Split, index: int) -> TaskInstance:
+    """Draw task instance ``index``: the same for equal arguments, independent of any other index.
+
+    Objects lie wholly on the surface, apart from each other and from the gripper, which starts near an edge, open and
+    heading inwards. The desired object's centre is outside the target region.
+    """
+    rng = generator_for(seed, split, index)
+    edges = square_edges(distribution.surface_side)
+    gripper = Gripper()
+    num_objects = int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
+    while True:
+        target = TargetRegion(_sample_position(edges, rng), distribution.target_radius)
+        objects = tuple(_sample_shape(distribution, rng) for _ in range(num_objects))
+        robot_pose = _sample_robot_pose(distribution, edges, rng)
+        obstacles = [shapely.Polygon(outline) for outline in gripper.outlines(robot_pose, gripper.stroke)]
+        poses = _place_objects(objects, edges, target, obstacles, distribution.clearance, rng)
+        if poses is not None:
+            state = State.create(robot_pose, gripper.stroke, False, poses)
+            return TaskInstance(Scene(target, objects, edges, gripper), state)
+
+
+def _sample_position(edges: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """[2] uniform over the surface."""
+    while True:
+        position = rng.uniform(edges.min(axis=0), edges.max(axis=0))
+        if geometry.contains(edges, *position):
+            return position
+
+
+def _sample_shape(distribution: SceneDistribution, rng: np.random.Generator) -> ObjectShape:
+    """A convex polygon whose vertices lie on an ellipse at jittered, equally spaced angles."""
+    shape_classes = SIZE_CLASSES[distribution.object_size]
+    shape_class = shape_classes[rng.integers(len(shape_classes))]
+    half_length = rng.uniform(*shape_class.half_length)
+    half_width = half_length * rng.uniform(*shape_class.aspect)
+    num_vertices = int(rng.integers(distribution.num_vertices[0], distribution.num_vertices[1] + 1))
+    angles = 2.0 * np.pi * (np.arange(num_vertices) + rng.uniform(-0.3, 0.3, num_vertices)) / num_vertices
+    outline = np.stack([half_length * np.cos(angles), half_width * np.sin(angles)], axis=1)
+    return ObjectShape.centred(outline, distribution.density, distribution.friction)
+
+
+def _sample_robot_pose(distribution: SceneDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """[3] near a uniformly chosen point of the border, heading inwards."""
+    following = np.roll(edges, -1, axis=0)
+    lengths = np.linalg.norm(following - edges, axis=1)
+    side = rng.choice(len(edges), p=lengths / lengths.sum())
+    along = (following[side] - edges[side]) / lengths[side]
+    inward = np.array([-along[1], along[0]])  # counter-clockwise edges have the surface on their left
+    margin = 0.1 * lengths[side]
+    position = edges[side] + rng.uniform(margin, lengths[side] - margin) * along
+    position = position + rng.uniform(*distribution.start_distance) * inward
+    heading = np.arctan2(inward[1], inward[0]) + rng.uniform(-1.0, 1.0) * distribution.start_angle
+    return np.array([*position, heading])
+
+
+def _place_objects(
+    objects: tuple[ObjectShape, ...],
+    edges: FloatArray,
+    target: TargetRegion,
+    obstacles: list[shapely.Polygon],
+    clearance: float,
+    rng: np.random.Generator,
+) -> FloatArray | None:
+    """[m, 3] poses by rejection, or None if an object found no place."""
+    surface = shapely.Polygon(edges).buffer(-clearance)
+    occupied = list(obstacles)
+    poses = []
+    for number, shape in enumerate(objects):
+        for _ in range(_ATTEMPTS_PER_OBJECT):
+            pose = np.array([*_sample_position(edges, rng), rng.uniform(-np.pi, np.pi)])
+            if number == 0 and np.hypot(*(pose[:2] - target.position)) <= target.radius:
+                continue
+            outline = shapely.Polygon(geometry.to_world(shape.outline, pose))
+            if surface.contains(outline) and (shapely.distance(outline, occupied) >= clearance).all():
+                occupied.append(outline)
+                poses.append(pose)
+                break
+        else:
+            return None
+    return np.array(poses)
