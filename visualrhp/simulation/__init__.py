@@ -1,0 +1,33 @@
+"""Physics: state and action to next state, on pymunk; action spaces, reward, goal and validity."""
+
+from visualrhp.simulation.action_spaces import (
+    ActionSpace,
+    ContinuousActionSpace,
+    DiscreteActionSpace,
+    GripperMotion,
+    make_action_space,
+)
+from visualrhp.simulation.physics import Physics
+from visualrhp.simulation.task import (
+    ACTION_REWARD,
+    DISCOUNT,
+    DROP_REWARD,
+    MAX_ACTIONS,
+    MAX_EPISODE_ACTIONS,
+)
+from visualrhp.simulation.transition_model import TransitionModel
+
+__all__ = [
+    "ACTION_REWARD",
+    "DISCOUNT",
+    "DROP_REWARD",
+    "MAX_ACTIONS",
+    "MAX_EPISODE_ACTIONS",
+    "ActionSpace",
+    "ContinuousActionSpace",
+    "DiscreteActionSpace",
+    "GripperMotion",
+    "Physics",
+    "TransitionModel",
+    "make_action_space",
+]

@@ -1,0 +1,154 @@
+"""The discrete and the continuous action space (paper, Sec. 7.1)."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Final, get_args
+
+import numpy as np
+
+from visualrhp.errors import ActionError, ConfigError
+from visualrhp.types import Action, ActionSpaceName
+
+
+@dataclass(frozen=True, slots=True)
+class GripperMotion:
+    """What an action commands, in the gripper frame at its start.
+
+    Attributes:
+        forward: longitudinal displacement [m].
+        left: lateral displacement [m].
+        rotation: turn, counter-clockwise [rad].
+        closed: commanded gripper state, or None to keep the present one.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    rotation: float = 0.0
+    closed: bool | None = None
+
+
+class ActionSpace(ABC):
+    """A set of actions and the gripper motions they stand for."""
+
+    name: ClassVar[ActionSpaceName]
+
+    @abstractmethod
+    def motion(self, action: Action) -> GripperMotion:
+        """The motion that ``action`` commands.
+
+        Raises:
+            ActionError: the action is not of this space, or not finite.
+        """
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator) -> Action:
+        """An action drawn uniformly."""
+
+    @abstractmethod
+    def mirror(self, action: Action) -> Action:
+        """The action that does in the mirrored scene (left and right exchanged) what ``action`` does in the original."""
+
+
+class DiscreteActionSpace(ActionSpace):
+    """Eight actions: four 5 cm translations along the axes of the gripper frame, two 30 degree turns, close, open.
+
+    ===== ==========================
+    index motion
+    ===== ==========================
+    0     forward 5 cm
+    1     backward 5 cm
+    2     left 5 cm
+    3     right 5 cm
+    4     turn counter-clockwise 30°
+    5     turn clockwise 30°
+    6     close
+    7     open
+    ===== ==========================
+    """
+
+    name = "discrete"
+    NUM_ACTIONS: Final = 8
+    TRANSLATION: Final = 0.05
+    ROTATION: Final = math.radians(30.0)
+    MIRRORED: Final = (0, 1, 3, 2, 5, 4, 6, 7)
+
+    _MOTIONS: Final = (
+        GripperMotion(forward=TRANSLATION),
+        GripperMotion(forward=-TRANSLATION),
+        GripperMotion(left=TRANSLATION),
+        GripperMotion(left=-TRANSLATION),
+        GripperMotion(rotation=ROTATION),
+        GripperMotion(rotation=-ROTATION),
+        GripperMotion(closed=True),
+        GripperMotion(closed=False),
+    )
+
+    def _index(self, action: Action) -> int:
+        if isinstance(action, (int, np.integer)) and 0 <= action < self.NUM_ACTIONS:
+            return int(action)
+        raise ActionError(f"a discrete action is an integer from 0 to {self.NUM_ACTIONS - 1}, not {action!r}")
+
+    def motion(self, action: Action) -> GripperMotion:
+        return self._MOTIONS[self._index(action)]
+
+    def sample(self, rng: np.random.Generator) -> Action:
+        return int(rng.integers(self.NUM_ACTIONS))
+
+    def mirror(self, action: Action) -> Action:
+        return self.MIRRORED[self._index(action)]
+
+
+class ContinuousActionSpace(ActionSpace):
+    """Four numbers: longitudinal, lateral, rotation and gripper, each clipped to [-1, 1] for execution.
+
+    ===== ============== ============================
+    index component      range of the motion
+    ===== ============== ============================
+    0     longitudinal   -10 cm to 10 cm (forward)
+    1     lateral        -10 cm to 10 cm (left)
+    2     rotation       -50° to 50° (counter-clockwise)
+    3     gripper        above 0 closes, else opens
+    ===== ============== ============================
+
+    The gripper moves together with the hand.
+    """
+
+    name = "continuous"
+    DIMENSION: Final = 4
+    TRANSLATION: Final = 0.10
+    ROTATION: Final = math.radians(50.0)
+
+    def _components(self, action: Action) -> np.ndarray:
+        components = np.asarray(action, dtype=np.float64)
+        if components.shape != (self.DIMENSION,) or not np.isfinite(components).all():
+            raise ActionError(f"a continuous action is an array of {self.DIMENSION} finite numbers, not {action!r}")
+        return components
+
+    def motion(self, action: Action) -> GripperMotion:
+        forward, left, rotation, gripper = self._components(action).clip(-1.0, 1.0).tolist()
+        return GripperMotion(
+            self.TRANSLATION * forward, self.TRANSLATION * left, self.ROTATION * rotation, closed=gripper > 0.0
+        )
+
+    def sample(self, rng: np.random.Generator) -> Action:
+        return rng.uniform(-1.0, 1.0, self.DIMENSION)
+
+    def mirror(self, action: Action) -> Action:
+        return self._components(action) * (1.0, -1.0, -1.0, 1.0)
+
+
+_ACTION_SPACES: dict[str, type[ActionSpace]] = {space.name: space for space in (DiscreteActionSpace, ContinuousActionSpace)}
+
+
+def make_action_space(name: ActionSpaceName) -> ActionSpace:
+    """The action space called ``name``.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
+    if name not in _ACTION_SPACES:
+        raise ConfigError(f"action_space={name!r}: choose one of {', '.join(get_args(ActionSpaceName))}")
+    return _ACTION_SPACES[name]()

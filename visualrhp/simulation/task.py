@@ -1,0 +1,41 @@
+"""The task: goal, validity, reward and limits (paper, Sec. 4 and 7)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from visualrhp.scene import geometry
+from visualrhp.scene.scene import Scene
+from visualrhp.types import State
+
+ACTION_REWARD: Final = -1.0
+"""Reward of every action (Sec. 7)."""
+
+DROP_REWARD: Final = -50.0
+"""Reward of an action that drops an object outside the surface edges (Sec. 7)."""
+
+DISCOUNT: Final = 0.995
+"""gamma (Sec. 7.4)."""
+
+MAX_ACTIONS: Final = 50
+"""A task is solved in under this many actions (Sec. 7.3)."""
+
+MAX_EPISODE_ACTIONS: Final = MAX_ACTIONS - 1
+"""Actions after which an episode is truncated."""
+
+
+def is_goal(scene: Scene, state: State) -> bool:
+    """Whether the desired object's centre is in the target region: ||(x, y)^desObj - (x, y)^tarReg|| <= rad^tarReg."""
+    x, y = state.object_poses[0, :2] - scene.target.position
+    return math.hypot(x, y) <= scene.target.radius
+
+
+def is_dropped(scene: Scene, state: State) -> bool:
+    """Whether the state is invalid: some object's centre is outside the surface edges."""
+    return not all(geometry.contains(scene.edges, x, y) for x, y, _ in state.object_poses.tolist())
+
+
+def reward(dropped: bool) -> float:
+    """Reward of one action: -1, or -50 when it dropped an object."""
+    return DROP_REWARD if dropped else ACTION_REWARD
