@@ -12,7 +12,7 @@ import shapely
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
 from visualrhp.scene.gripper import Gripper
-from visualrhp.types import FloatArray, State
+from visualrhp.types import FloatArray, IntArray, State
 
 MIN_OBJECT_AREA = 1e-5
 """Smallest area of an object [m^2]; below it (3 mm x 3 mm) the outline is taken for degenerate."""
@@ -180,6 +180,12 @@ class Scene:
     def num_objects(self) -> int:
         """Number of objects m, the desired one included."""
         return len(self.objects)
+
+    @cached_property
+    def stacked_outlines(self) -> tuple[FloatArray, IntArray]:
+        """Vertices of all objects [sum of V, 2] in their body frames, and the object each belongs to [sum of V]."""
+        counts = [len(shape.outline) for shape in self.objects]
+        return np.concatenate([shape.outline for shape in self.objects]), np.repeat(np.arange(len(counts)), counts)
 
     def __eq__(self, other: object) -> bool:
         return (

@@ -19,6 +19,7 @@ class Physics:
         gravity: [m/s^2]; presses the objects on the surface.
         contact_slop: overlap that the solver leaves alone [m].
         overlap_correction: share of a larger overlap that is taken back each step.
+        joint_correction: share of the lag behind the commanded hand pose that the servo takes back each step.
         gripper_density: mass per area of palm and fingers [kg/m^2] (footnote 3).
         gripper_friction: Coulomb coefficient of palm and fingers (footnote 3).
         hand_force: limit of the servo that drives the palm [N].
@@ -36,6 +37,7 @@ class Physics:
     gravity: float = 9.81
     contact_slop: float = 1e-4
     overlap_correction: float = 0.3
+    joint_correction: float = 0.5
     gripper_density: float = 1.0
     gripper_friction: float = 0.3
     hand_force: float = 5.0
@@ -52,5 +54,6 @@ class Physics:
         for name in ("contact_slop", "gripper_friction"):
             if getattr(self, name) < 0.0:
                 raise ConfigError(f"physics.{name}={getattr(self, name)}: must not be negative")
-        if not 0.0 < self.overlap_correction < 1.0:
-            raise ConfigError(f"physics.overlap_correction={self.overlap_correction}: must be between 0 and 1")
+        for name in ("overlap_correction", "joint_correction"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise ConfigError(f"physics.{name}={getattr(self, name)}: must be between 0 and 1")

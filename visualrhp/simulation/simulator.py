@@ -14,11 +14,13 @@ the objects by force- and torque-limited joints without position correction, whi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from pymunk._chipmunk_cffi import ffi, lib  # pinned in the constraints: a private name of pymunk's
 
 from visualrhp.errors import SceneError, SimulationError
+from visualrhp.scene import geometry
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import GripperMotion
 from visualrhp.simulation.physics import Physics
@@ -27,17 +29,20 @@ from visualrhp.types import FloatArray, State, wrap_angle
 _GRIPPER_GROUP = 1
 _ALL_CATEGORIES = 0xFFFFFFFF
 _INFINITY = math.inf
+_ORIGIN = (0.0, 0.0)
 _ARM_LENGTH = 0.06
 """Distance of the arm's pins from its pivot [m]; a little more than half the stroke, so that the arm stays below 45°."""
 
 
 class _Body:
-    """A Chipmunk body with its convex shapes, initialised anew for every motion."""
+    """A Chipmunk body with its convex shapes, initialised anew for every motion; without mass it is kinematic."""
 
-    def __init__(self, mass: float, moment: float, outlines: list[FloatArray], friction: float, group: int) -> None:
+    def __init__(
+        self, mass: float, moment: float, outlines: Sequence[FloatArray] = (), friction: float = 0.0, group: int = 0
+    ) -> None:
         self.pointer = ffi.gc(lib.cpBodyAlloc(), lib.cpBodyFree)
-        self.mass = mass
-        self.moment = moment
+        self._mass = mass
+        self._moment = moment
         # The product of two shapes' coefficients is their contact's: with square roots it is their geometric mean.
         self._friction = math.sqrt(friction)
         self._filter = (group, _ALL_CATEGORIES, _ALL_CATEGORIES)
@@ -50,8 +55,11 @@ class _Body:
 
     def place(self, space: object, x: float, y: float, angle: float) -> None:
         """Add the body at rest to a new ``space``."""
+        if self._mass == 0.0:  # Chipmunk does not initialise a kinematic body twice
+            self.pointer = ffi.gc(lib.cpBodyNewKinematic(), lib.cpBodyFree)
+        else:
+            lib.cpBodyInit(self.pointer, self._mass, self._moment)
         body = self.pointer
-        lib.cpBodyInit(body, self.mass, self.moment)
         lib.cpBodySetPosition(body, (x, y))
         lib.cpBodySetAngle(body, angle)
         lib.cpSpaceAddBody(space, body)
@@ -72,25 +80,29 @@ class _Joint:
     """A Chipmunk joint, initialised anew for every motion so that it carries no impulse over."""
 
     def __init__(
-        self, kind: str, bodies: tuple[_Body, _Body], parameters: tuple, max_force: float, correct: bool = True
+        self,
+        kind: str,
+        bodies: tuple[_Body, _Body],
+        parameters: tuple,
+        max_force: float,
+        error_bias: float,
+        max_bias: float = _INFINITY,
     ) -> None:
         self._initialise = getattr(lib, f"cp{kind}Init")
         self._joint = getattr(lib, f"cp{kind}Alloc")()
-        self._base = ffi.gc(ffi.cast("cpConstraint *", self._joint), lib.cpConstraintFree)
-        self._arguments = (bodies[0].pointer, bodies[1].pointer, *parameters)
+        self.pointer = ffi.gc(ffi.cast("cpConstraint *", self._joint), lib.cpConstraintFree)
+        self._bodies = bodies
+        self._parameters = parameters
         self._max_force = max_force
-        self._max_bias = _INFINITY if correct else 0.0
-
-    @property
-    def pointer(self) -> object:
-        return self._joint
+        self._error_bias = error_bias
+        self._max_bias = max_bias
 
     def attach(self, space: object) -> None:
-        self._initialise(self._joint, *self._arguments)
-        lib.cpConstraintSetMaxForce(self._base, self._max_force)
-        if self._max_bias == 0.0:
-            lib.cpConstraintSetMaxBias(self._base, 0.0)
-        lib.cpSpaceAddConstraint(space, self._base)
+        self._initialise(self._joint, self._bodies[0].pointer, self._bodies[1].pointer, *self._parameters)
+        lib.cpConstraintSetMaxForce(self.pointer, self._max_force)
+        lib.cpConstraintSetErrorBias(self.pointer, self._error_bias)
+        lib.cpConstraintSetMaxBias(self.pointer, self._max_bias)
+        lib.cpSpaceAddConstraint(space, self.pointer)
 
 
 class Simulator:
@@ -103,31 +115,27 @@ class Simulator:
         self.scene = scene
         self.physics = physics
         gripper, density = scene.gripper, physics.gripper_density
-        self._guide = _Body(_INFINITY, _INFINITY, [], 0.0, _GRIPPER_GROUP)
-        self._ground = _Body(_INFINITY, _INFINITY, [], 0.0, _GRIPPER_GROUP)
+        self._guide = _Body(0.0, 0.0)
+        self._ground = _Body(0.0, 0.0)
         self._palm = self._gripper_body(gripper.palm)
         self._left = self._gripper_body(gripper.finger(1))
         self._right = self._gripper_body(gripper.finger(-1))
         arm_mass = density * gripper.finger_length * gripper.finger_thickness
-        self._arm = _Body(arm_mass, arm_mass * _ARM_LENGTH**2, [], 0.0, _GRIPPER_GROUP)
+        self._arm = _Body(arm_mass, arm_mass * _ARM_LENGTH**2)
         self._objects = [
-            _Body(shape.mass, shape.moment_of_inertia, [shape.outline], shape.friction, 0) for shape in scene.objects
+            _Body(shape.mass, shape.moment_of_inertia, [shape.outline], shape.friction) for shape in scene.objects
         ]
         self._half_stroke = gripper.stroke / 2.0
         self._closing_rate = math.asin(self._half_stroke / _ARM_LENGTH) / (
             0.8 * physics.motion_steps * physics.time_step
         )
-        self._joints = self._gripper_joints()
-        for body, shape in zip(self._objects, scene.objects, strict=True):
-            force = shape.friction * shape.mass * physics.gravity
-            on_ground = (self._ground, body)
-            self._joints.append(_Joint("PivotJoint", on_ground, ((0.0, 0.0), (0.0, 0.0)), force, correct=False))
-            self._joints.append(_Joint("GearJoint", on_ground, (0.0, 1.0), force * shape.friction_lever, correct=False))
+        # Chipmunk counts the share of an error that is left after a second.
+        self._collision_bias = (1.0 - physics.overlap_correction) ** (1.0 / physics.time_step)
+        self._joint_bias = (1.0 - physics.joint_correction) ** (1.0 / physics.time_step)
+        self._joints = [*self._gripper_joints(), *self._surface_joints()]
 
     def _gripper_body(self, outline: FloatArray) -> _Body:
         """Palm or finger; its mass is taken about the origin of the gripper frame, where the servo holds it."""
-        from visualrhp.scene import geometry
-
         density = self.physics.gripper_density
         return _Body(
             density * geometry.signed_area(outline),
@@ -137,26 +145,37 @@ class Simulator:
             _GRIPPER_GROUP,
         )
 
+    def _surface_joints(self) -> list[_Joint]:
+        """Coulomb friction of the objects on the surface: it resists velocity up to a limit and restores nothing."""
+        joints = []
+        for body, shape in zip(self._objects, self.scene.objects, strict=True):
+            force = shape.friction * shape.mass * self.physics.gravity
+            bodies = (self._ground, body)
+            joints += [
+                _Joint("PivotJoint", bodies, (_ORIGIN, _ORIGIN), force, self._joint_bias, max_bias=0.0),
+                _Joint("GearJoint", bodies, (0.0, 1.0), force * shape.friction_lever, self._joint_bias, max_bias=0.0),
+            ]
+        return joints
+
     def _gripper_joints(self) -> list[_Joint]:
-        origin = (0.0, 0.0)
-        half = self._half_stroke
-        guide_palm = (self._guide, self._palm)
+        physics, half, bias = self.physics, self._half_stroke, self._joint_bias
+        drive, pivot = (self._guide, self._palm), (self._palm, self._arm)
         joints = [
-            _Joint("PivotJoint", guide_palm, (origin, origin), self.physics.hand_force),
-            _Joint("GearJoint", guide_palm, (0.0, 1.0), self.physics.hand_torque),
-            _Joint("PivotJoint", (self._palm, self._arm), (origin, origin), _INFINITY),
+            _Joint("PivotJoint", drive, (_ORIGIN, _ORIGIN), physics.hand_force, bias),
+            _Joint("GearJoint", drive, (0.0, 1.0), physics.hand_torque, bias),
+            _Joint("PivotJoint", pivot, (_ORIGIN, _ORIGIN), _INFINITY, bias),
         ]
         for finger, side in ((self._left, 1.0), (self._right, -1.0)):
-            low, high = sorted((0.0, side * half))
+            rail = sorted(((0.0, 0.0), (0.0, side * half)))
+            slot = sorted(((0.0, 0.0), (side * 2.0 * _ARM_LENGTH, 0.0)))
             pin = (side * _ARM_LENGTH, 0.0)
-            slot_back, slot_front = sorted((0.0, side * 2.0 * _ARM_LENGTH))
             joints += [
-                _Joint("GrooveJoint", (self._palm, finger), ((0.0, low), (0.0, high), origin), _INFINITY),
-                _Joint("GearJoint", (self._palm, finger), (0.0, 1.0), _INFINITY),
-                _Joint("GrooveJoint", (finger, self._arm), ((slot_back, 0.0), (slot_front, 0.0), pin), _INFINITY),
+                _Joint("GrooveJoint", (self._palm, finger), (*rail, _ORIGIN), _INFINITY, bias),
+                _Joint("GearJoint", (self._palm, finger), (0.0, 1.0), _INFINITY, bias),
+                _Joint("GrooveJoint", (finger, self._arm), (*slot, pin), _INFINITY, bias),
             ]
-        torque = 2.0 * self.physics.squeezing_force * _ARM_LENGTH
-        self._motor = _Joint("SimpleMotor", (self._palm, self._arm), (0.0,), torque)
+        torque = 2.0 * physics.squeezing_force * _ARM_LENGTH
+        self._motor = _Joint("SimpleMotor", pivot, (0.0,), torque, bias)
         return [*joints, self._motor]
 
     def advance(self, state: State, motion: GripperMotion) -> State:
@@ -181,14 +200,12 @@ class Simulator:
         physics = self.physics
         lib.cpSpaceSetIterations(space, physics.iterations)
         lib.cpSpaceSetCollisionSlop(space, physics.contact_slop)
-        lib.cpSpaceSetCollisionBias(space, (1.0 - physics.overlap_correction) ** (1.0 / physics.time_step))
+        lib.cpSpaceSetCollisionBias(space, self._collision_bias)
         x, y, theta, opening, _, *object_poses = state.vector.tolist()
         half = 0.5 * opening
         lateral = (-math.sin(theta) * half, math.cos(theta) * half)
         self._ground.place(space, 0.0, 0.0, 0.0)
         self._guide.place(space, x, y, theta)
-        for body in (self._ground, self._guide):
-            lib.cpBodySetType(body.pointer, lib.CP_BODY_TYPE_KINEMATIC)
         self._palm.place(space, x, y, theta)
         self._left.place(space, x + lateral[0], y + lateral[1], theta)
         self._right.place(space, x - lateral[0], y - lateral[1], theta)
