@@ -1,0 +1,1 @@
+"""How a heuristic is learned (Sec. 6): demonstrations, imitation, reinforcement learning, and their checkpoints."""
