@@ -1,0 +1,10 @@
+"""The task as an environment for learners: one Gymnasium environment, and N tasks in one torchrl environment.
+
+:class:`~visualrhp.environments.batched.BatchedClutterEnv` is imported from its module, because torchrl takes seconds
+to import and few users of the Gymnasium environment need it.
+"""
+
+from visualrhp.environments.clutter_manipulation import ClutterManipulation
+from visualrhp.environments.task import ClutterTask, ObservationFunction, ObservationName, Outcome
+
+__all__ = ["ClutterManipulation", "ClutterTask", "ObservationFunction", "ObservationName", "Outcome"]
