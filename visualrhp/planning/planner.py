@@ -1,0 +1,95 @@
+"""What a planner is: a transition model and a random generator in, a policy out."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from visualrhp.scene.scene import Scene
+from visualrhp.simulation.action_spaces import ActionSpace
+from visualrhp.types import Action, State, Transition
+
+
+class PlanningModel(Protocol):
+    """What planning needs of a world: :class:`visualrhp.simulation.TransitionModel`, or anything that behaves alike.
+
+    ``simulate`` is a pure function of (state, action).
+    """
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the states belong to (the heuristic reads it)."""
+        ...
+
+    @property
+    def action_space(self) -> ActionSpace:
+        """The actions that ``simulate`` takes."""
+        ...
+
+    def simulate(self, state: State, action: Action) -> Transition:
+        """Apply ``action`` in ``state``. Raises SimulationError when the physics diverges."""
+        ...
+
+    def is_goal(self, state: State) -> bool:
+        """Whether ``state`` is valid and has the desired object in the target region."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Rollout:
+    """One simulated look ahead of receding horizon planning (Alg. 1).
+
+    Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
+
+    Attributes:
+        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged.
+        states: the states passed through, the current state first: as many as rewards, plus one.
+        rewards: one per simulated action.
+        value_estimate: v(s_h), or 0 after a terminal state, where nothing is left to earn; NaN if it diverged.
+        total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
+    """
+
+    actions: tuple[Action, ...]
+    states: tuple[State, ...]
+    rewards: tuple[float, ...]
+    value_estimate: float
+    total_return: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a policy answers, and what it considered on the way.
+
+    Attributes:
+        action: the action to execute now, or None if the planner gives up: the task then counts as not completed.
+        rollouts: the roll-outs that were compared, for planners that have them.
+        num_invalid: how many of them diverged.
+    """
+
+    action: Action | None
+    rollouts: tuple[Rollout, ...] = ()
+    num_invalid: int = 0
+
+
+class Policy(Protocol):
+    """Answers states with decisions; called once an action, in the order in which an episode unfolds."""
+
+    def __call__(self, state: State) -> Decision:
+        """Decide in ``state``."""
+        ...
+
+
+class Planner(ABC):
+    """A way to choose actions. It holds configuration only; what belongs to one episode lives in its policy."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name in tables and figures."""
+
+    @abstractmethod
+    def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
+        """Return a policy for one episode that plans with ``model``; all its random draws come from ``rng``."""
