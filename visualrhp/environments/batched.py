@@ -14,8 +14,8 @@ from torchrl.envs import EnvBase
 
 from visualrhp.environments.task import NUM_LABELS, ClutterTask, ObservationFunction, ObservationName, Outcome
 from visualrhp.errors import CheckpointError, ConfigError
-from visualrhp.scene.sampling import SceneDistribution, Split
-from visualrhp.scene.scene import Scene
+from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
@@ -60,6 +60,10 @@ class BatchedClutterEnv(EnvBase):
         split: stream of the task instances.
         physics: of the simulation.
 
+    Attributes:
+        observe: scene and state -> observation.
+        action_space: the action space.
+
     Raises:
         ConfigError: an argument is unknown or out of range.
     """
@@ -80,9 +84,9 @@ class BatchedClutterEnv(EnvBase):
         self.distribution = distribution
         self.split = split
         self._instance_seed = seed
-        self._observe = ObservationFunction.for_distribution(observation, distribution)
-        self._action_space = make_action_space(action_space)
-        self._tasks = [ClutterTask(distribution, self._action_space, physics) for _ in range(num_envs)]
+        self.observe = ObservationFunction.for_distribution(observation, distribution)
+        self.action_space = make_action_space(action_space)
+        self._tasks = [ClutterTask(distribution, self.action_space, physics) for _ in range(num_envs)]
         self._next_indices = list(range(num_envs))
         self._seen: list[tuple[State, npt.NDArray[Any]] | None] = [None] * num_envs
         self._state_dimension = _ROBOT_DIMENSIONS + 3 * distribution.num_objects[1]
@@ -109,16 +113,21 @@ class BatchedClutterEnv(EnvBase):
         return [task.model for task in self._tasks]
 
     @property
+    def instances(self) -> list[int]:
+        """Indices of the N task instances."""
+        return [task.index for task in self._tasks]
+
+    @property
     def num_actions(self) -> list[int]:
         """How many actions each of the N episodes has taken."""
         return [task.num_actions for task in self._tasks]
 
     def _make_specs(self) -> None:
         batch = self.batch_size
-        shape = (*batch, *self._observe.shape)
+        shape = (*batch, *self.observe.shape)
         self.observation_spec = Composite(
             observation=Categorical(NUM_LABELS, shape=shape, dtype=torch.uint8)
-            if self._observe.name == "image"
+            if self.observe.name == "image"
             else Unbounded(shape=shape, dtype=torch.float32),
             gripper_closed=Categorical(2, shape=batch, dtype=torch.bool),
             state=Unbounded(shape=(*batch, self._state_dimension), dtype=torch.float64),
@@ -127,7 +136,7 @@ class BatchedClutterEnv(EnvBase):
             is_dropped=Categorical(2, shape=batch, dtype=torch.bool),
             shape=batch,
         )
-        if self._action_space.name == "discrete":
+        if self.action_space.name == "discrete":
             self.action_spec = Categorical(DiscreteActionSpace.NUM_ACTIONS, shape=batch, dtype=torch.int64)
         else:
             shape = (*batch, ContinuousActionSpace.DIMENSION)
@@ -162,7 +171,7 @@ class BatchedClutterEnv(EnvBase):
 
     def _actions(self, actions: torch.Tensor) -> list[Action]:
         """N actions as the simulation takes them."""
-        if self._action_space.name == "discrete":
+        if self.action_space.name == "discrete":
             return actions.tolist()
         return list(actions.numpy().astype(np.float64))
 
@@ -184,13 +193,35 @@ class BatchedClutterEnv(EnvBase):
         """What slot ``slot`` shows; drawn once a state, although the reset of another slot asks for it again."""
         task, seen = self._tasks[slot], self._seen[slot]
         if seen is None or seen[0] is not task.state:
-            seen = self._seen[slot] = task.state, self._observe(task.instance.scene, task.state)
+            seen = self._seen[slot] = task.state, self.observe(task.instance.scene, task.state)
         return seen[1]
 
     def current(self) -> TensorDict:
         """What an agent sees now, as ``reset`` returns it (no episode is over)."""
         flags = {key: torch.zeros(*self.batch_size, 1, dtype=torch.bool) for key in ("done", "terminated", "truncated")}
         return TensorDict({**self._entries(None), **flags}, batch_size=self.batch_size, device=self.device)
+
+    def recall(self, instances: torch.Tensor, states: torch.Tensor) -> TensorDict:
+        """What an agent saw in earlier states of this environment.
+
+        Args:
+            instances: [K] int64, indices of task instances.
+            states: [K, 5 + 3 max m] float64, the ``state`` entries.
+
+        Returns:
+            ``observation`` and ``gripper_closed``, [K].
+        """
+        scenes: dict[int, TaskInstance] = {}
+        observations, closed = [], []
+        for index, row in zip(instances.tolist(), states.numpy(), strict=True):
+            if index not in scenes:
+                scenes[index] = sample_task_instance(self.distribution, self._instance_seed, self.split, index)
+            instance = scenes[index]
+            state = State(row[: instance.state.vector.size])
+            observations.append(self.observe(instance.scene, state))
+            closed.append(state.gripper_closed)
+        entries = {"observation": torch.from_numpy(np.stack(observations)), "gripper_closed": torch.tensor(closed)}
+        return TensorDict(entries, batch_size=[len(closed)])
 
     def snapshot(self) -> dict[str, torch.Tensor]:
         """Where each of the N tasks stands, to be stored in a checkpoint: N rows each."""

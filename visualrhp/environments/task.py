@@ -62,7 +62,7 @@ class ObservationFunction:
         return (cartesian_dimension(self.num_objects),)
 
     @property
-    def dtype(self) -> type[np.uint8] | type[np.float32]:
+    def dtype(self) -> type[np.uint8 | np.float32]:
         """uint8 labels or float32 features."""
         return np.uint8 if self.name == "image" else np.float32
 

@@ -1,0 +1,334 @@
+r"""Critic Correction Conditioned Policy Optimization on top of PPO (Sec. 6.3.2, Alg. 2), continuous action space.
+
+One iteration, with the time at which each quantity is taken:
+
+============================ =================================================================================
+step                         what is computed with which parameters
+============================ =================================================================================
+collect                      a ~ pi_theta (unclipped; the environment clips for execution)
+theta_old <- theta           pi_old, v_old(s), v_old(s'): one-step targets of Eq. 10
+Optimize L_baseline          theta moves; pi_old and the targets stay
+theta_old <- theta           pi_old(a|s), v_old(s), v_old(s') again: advantages (Eq. 9) and targets of Eq. 8
+Optimize L_actor-critic      theta moves; all of the above stay
+============================ =================================================================================
+
+Without the baseline step (``baseline_step=False``) this is PPO, the comparison of Fig. 6.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import ProbabilisticTensorDictModule, ProbabilisticTensorDictSequential, TensorDictModule
+from torch import nn
+from torch.distributions import Independent, Normal, kl_divergence
+from torchrl.data import ReplayBuffer, TensorStorage
+from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
+from torchrl.modules import IndependentNormal
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value.functional import generalized_advantage_estimate
+
+from visualrhp.errors import ConfigError
+from visualrhp.learning.reinforcement import (
+    CollectionEnvironment,
+    GreedyEvaluation,
+    Metrics,
+    ReinforcementLearner,
+    mean_metrics,
+    require_multiple,
+)
+from visualrhp.simulation.task import DISCOUNT
+
+_NETWORK_INPUTS = ("observation", "gripper_closed")
+_NETWORK_OUTPUTS = ("loc", "scale", "state_value")
+
+
+@dataclass(frozen=True, slots=True)
+class C3POConfig:
+    """Parameters of C3PO; the defaults are those of Sec. 7.4.
+
+    Attributes:
+        buffer_size: transitions collected an iteration, a multiple of the number of environments.
+        batch_size: M, transitions in a minibatch.
+        baseline_epochs: epochs over L_baseline (Eq. 10).
+        policy_epochs: epochs over L_actor-critic (Eq. 8).
+        baseline_step: whether L_baseline is optimized at all; False is plain PPO.
+        lr: learning rate of Adam.
+        discount: gamma.
+        clip_epsilon: PPO's clip of the ratio in Eq. 8.
+        value_coefficient: c3.
+        entropy_coefficient: c4.
+        baseline_value_coefficient: c5.
+        trace_decay: lambda of the returns; 0 gives the one-step targets of Eq. 8 to 10.
+        normalize_advantage: whether the advantages of a minibatch are standardized (not in the paper).
+        max_grad_norm: limit of the norm of the gradient, or None (as in the paper).
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    buffer_size: int = 10_000
+    batch_size: int = 2_000
+    baseline_epochs: int = 20
+    policy_epochs: int = 15
+    baseline_step: bool = True
+    lr: float = 1e-5
+    discount: float = DISCOUNT
+    clip_epsilon: float = 0.075
+    value_coefficient: float = 0.7
+    entropy_coefficient: float = 0.1
+    baseline_value_coefficient: float = 0.35
+    trace_decay: float = 0.0
+    normalize_advantage: bool = False
+    max_grad_norm: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("buffer_size", "batch_size", "baseline_epochs", "policy_epochs"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"{name}={getattr(self, name)}: must be at least 1")
+        if self.batch_size > self.buffer_size:
+            raise ConfigError(f"batch_size={self.batch_size} must not exceed buffer_size={self.buffer_size}")
+        for name in ("lr", "clip_epsilon", "value_coefficient", "baseline_value_coefficient"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name}={getattr(self, name)}: must be positive")
+        if self.entropy_coefficient < 0.0:
+            raise ConfigError(f"entropy_coefficient={self.entropy_coefficient}: must not be negative")
+        if self.max_grad_norm is not None and not self.max_grad_norm > 0.0:
+            raise ConfigError(f"max_grad_norm={self.max_grad_norm}: must be positive, or null for no limit")
+        for name in ("discount", "trace_decay"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"{name}={getattr(self, name)}: must be within [0, 1]")
+
+
+def policy_distribution(mean: torch.Tensor, std: torch.Tensor) -> Independent:
+    """pi(.|s) = N(mean, diag(std^2)) over actions [B, 4] (Sec. 4)."""
+    return Independent(Normal(mean, std, validate_args=False), 1, validate_args=False)
+
+
+def baseline_loss(outputs: TensorDictBase, batch: TensorDictBase, baseline_value_coefficient: float) -> TensorDict:
+    r"""The two terms of Eq. 10, means over a minibatch [M].
+
+    .. math:: L_\mathrm{baseline} = \frac{1}{M} \sum_i c_5 (r_i + \gamma v_{\theta_{old}}(s'_i) - v_\theta(s_i))^2
+              + D_{KL}(\pi_{\theta_{old}}(\cdot|s_i) \,||\, \pi_\theta(\cdot|s_i))
+
+    Args:
+        outputs: ``loc`` [M, 4], ``scale`` [M, 4] and ``state_value`` [M, 1] with theta.
+        batch: ``old_loc``, ``old_scale`` and ``value_target`` with theta_old.
+        baseline_value_coefficient: c5.
+
+    Returns:
+        ``loss_value`` (c5 included) and ``loss_kl``.
+    """
+    value_error = batch["value_target"] - outputs["state_value"]
+    divergence = kl_divergence(
+        policy_distribution(batch["old_loc"], batch["old_scale"]),
+        policy_distribution(outputs["loc"], outputs["scale"]),
+    )
+    return TensorDict(
+        {"loss_value": baseline_value_coefficient * value_error.square().mean(), "loss_kl": divergence.mean()}
+    )
+
+
+class C3PO(ReinforcementLearner):
+    """C3PO (or PPO) in N environments side by side. See the module for the algorithm.
+
+    Args:
+        network: ``forward(observation, gripper_closed) -> (mean [B, 4], std [B, 4], value [B])``; trained in place.
+        env: environment with the continuous action space.
+        config: parameters.
+        seed: of the actions and the minibatches.
+        evaluate: greedy evaluation, or None.
+        evaluate_every: iterations between evaluations.
+
+    Raises:
+        ConfigError: the buffer size is no multiple of the number of environments.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        env: CollectionEnvironment,
+        config: C3POConfig,
+        *,
+        seed: int,
+        evaluate: GreedyEvaluation | None = None,
+        evaluate_every: int = 1,
+    ) -> None:
+        super().__init__(network, env, evaluate, evaluate_every)
+        require_multiple("buffer_size", config.buffer_size, env.batch_size[0])
+        self.config = config
+        # Mean, std and value come from one pass through the shared body; the loss finds the value already computed.
+        self._actor_critic = TensorDictModule(_Columns(network), list(_NETWORK_INPUTS), list(_NETWORK_OUTPUTS))
+        sampling = ProbabilisticTensorDictModule(
+            in_keys=["loc", "scale"], out_keys=["action"], distribution_class=IndependentNormal, return_log_prob=True
+        )
+        self._policy_loss = ClipPPOLoss(
+            ProbabilisticTensorDictSequential(self._actor_critic, sampling),
+            TensorDictModule(nn.Identity(), ["state_value"], ["state_value"]),
+            clip_epsilon=config.clip_epsilon,
+            critic_coeff=config.value_coefficient,
+            entropy_coeff=config.entropy_coefficient,
+            loss_critic_type="l2",
+            normalize_advantage=config.normalize_advantage,
+            functional=False,
+        )
+        # Two optimizers: the running moments of one loss say nothing about the gradients of the other.
+        self._baseline_optimizer = torch.optim.Adam(network.parameters(), lr=config.lr)
+        self._policy_optimizer = torch.optim.Adam(network.parameters(), lr=config.lr)
+        self._sampling = torch.Generator().manual_seed(2 * seed)
+        self._shuffling = torch.Generator().manual_seed(2 * seed + 1)
+
+    def _parts(self) -> dict[str, Any]:
+        return {
+            "baseline_optimizer": self._baseline_optimizer,
+            "policy_optimizer": self._policy_optimizer,
+            "sampling": self._sampling,
+            "shuffling": self._shuffling,
+        }
+
+    def _iterate(self) -> Metrics:
+        """One iteration of Alg. 2."""
+        transitions, metrics = self._collector.collect(self._act, self.config.buffer_size)
+        start = time.perf_counter()
+        num_epochs = self.config.policy_epochs
+        if self.config.baseline_step:
+            data = self._with_old_parameters(transitions)
+            metrics["value/td_rmse_before"] = _td_rmse(data)
+            metrics.update(self._optimize_baseline(data))
+            num_epochs += self.config.baseline_epochs
+        data = self._with_old_parameters(transitions)
+        metrics["value/td_rmse"] = _td_rmse(data)
+        metrics["value/mean"] = data["old_value"].mean().item()
+        metrics["policy/advantage_std"] = data["advantage"].std().item()
+        metrics.update(self._optimize_policy(data))
+        metrics["optimization/samples_per_s"] = num_epochs * data.numel() / (time.perf_counter() - start)
+        return metrics
+
+    def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """a ~ N(mean, std), with its log-probability as sampled, that is before the environment clips it."""
+        outputs = self._actor_critic(tensordict.select(*_NETWORK_INPUTS))
+        noise = torch.randn(outputs["loc"].shape, generator=self._sampling)
+        return tensordict.set("action", outputs["loc"] + outputs["scale"] * noise)
+
+    @torch.no_grad()
+    def _with_old_parameters(self, transitions: TensorDictBase) -> TensorDictBase:
+        """theta_old <- theta: all that Eq. 8 to 10 take at theta_old.
+
+        Args:
+            transitions: [N, T] in the order of time.
+
+        Returns:
+            the transitions, flattened to [N T], with ``old_loc``, ``old_scale`` [N T, 4], ``old_value`` [N T, 1],
+            ``action_log_prob`` [N T], ``value_target`` (r + gamma v_old(s')) and ``advantage`` (Eq. 9) [N T, 1].
+        """
+        shape = transitions.batch_size
+        inputs = transitions.select(*_NETWORK_INPUTS, "action")
+        outputs = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
+        value = outputs["state_value"]
+        following = transitions["next"]
+        # s' is the next row's s, and need not be evaluated again, except where an episode or the collection ends.
+        next_value = value.roll(-1, dims=1)
+        is_last = following["done"].squeeze(-1).clone()
+        is_last[:, -1] = True
+        ends = following.select(*_NETWORK_INPUTS)[is_last]
+        next_value[is_last] = self._evaluate_network(ends)["state_value"]
+        advantage, value_target = generalized_advantage_estimate(
+            self.config.discount,
+            self.config.trace_decay,
+            value,
+            next_value,
+            following["reward"],
+            following["done"],
+            following["terminated"],
+        )
+        log_prob = policy_distribution(outputs["loc"], outputs["scale"]).log_prob(inputs["action"])
+        return inputs.update(
+            {
+                "old_loc": outputs["loc"],
+                "old_scale": outputs["scale"],
+                "old_value": value,
+                "action_log_prob": log_prob,
+                "advantage": advantage,
+                "value_target": value_target,
+            }
+        ).flatten(0, 1)
+
+    def _evaluate_network(self, inputs: TensorDictBase) -> TensorDictBase:
+        """Means, stds and values of many states, a minibatch at a time."""
+        parts = inputs.select(*_NETWORK_INPUTS).split(self.config.batch_size)
+        return torch.cat([self._actor_critic(part).select(*_NETWORK_OUTPUTS) for part in parts])
+
+    def _minibatches(self, data: TensorDictBase) -> ReplayBuffer:
+        """D^replay: an epoch is one pass through it in random order."""
+        return ReplayBuffer(
+            storage=TensorStorage(data),
+            sampler=SamplerWithoutReplacement(drop_last=False),
+            batch_size=self.config.batch_size,
+            generator=self._shuffling,
+        )
+
+    def _optimize_baseline(self, data: TensorDictBase) -> Metrics:
+        """Optimize L_baseline with respect to theta (Eq. 10)."""
+        minibatches = self._minibatches(data.exclude("action", "action_log_prob", "advantage"))
+        terms: list[TensorDict] = []
+        for _ in range(self.config.baseline_epochs):
+            terms = []
+            for batch in minibatches:
+                outputs = self._actor_critic(batch.select(*_NETWORK_INPUTS))
+                losses = baseline_loss(outputs, batch, self.config.baseline_value_coefficient)
+                self._step(self._baseline_optimizer, losses["loss_value"] + losses["loss_kl"])
+                terms.append(losses)
+        means = mean_metrics(terms)
+        return {"baseline/loss_value": means["loss_value"], "baseline/kl": means["loss_kl"]}
+
+    def _optimize_policy(self, data: TensorDictBase) -> Metrics:
+        """Optimize L_actor-critic with respect to theta (Eq. 8, the ratio clipped as in PPO)."""
+        minibatches = self._minibatches(data)
+        terms: list[TensorDict] = []
+        for _ in range(self.config.policy_epochs):
+            terms = []
+            for batch in minibatches:
+                losses = self._policy_loss(batch)
+                loss = losses["loss_objective"] + losses["loss_critic"]
+                if "loss_entropy" in losses:
+                    loss = loss + losses["loss_entropy"]
+                self._step(self._policy_optimizer, loss)
+                terms.append(losses.select("loss_objective", "loss_critic", "entropy", "kl_approx", "clip_fraction"))
+        means = mean_metrics(terms)
+        return {
+            "policy/loss_objective": means["loss_objective"],
+            "policy/loss_value": means["loss_critic"],
+            "policy/entropy": means["entropy"],
+            "policy/kl": means["kl_approx"],
+            "policy/clip_fraction": means["clip_fraction"],
+        }
+
+    def _step(self, optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        if self.config.max_grad_norm is not None:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
+        optimizer.step()
+
+
+class _Columns(nn.Module):
+    """The network with its value as a column [B, 1], which is how torchrl's losses want it."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(
+        self, observation: torch.Tensor, gripper_closed: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        mean, std, value = self.network(observation, gripper_closed)
+        return mean, std, value.unsqueeze(-1)
+
+
+def _td_rmse(data: TensorDictBase) -> float:
+    """Root mean square of target minus value, in units of return."""
+    return (data["value_target"] - data["old_value"]).square().mean().sqrt().item()
