@@ -22,6 +22,9 @@ class Physics:
         joint_correction: share of the lag behind the commanded hand pose that the servo takes back each step.
         gripper_density: mass per area of palm and fingers [kg/m^2] (footnote 3).
         gripper_friction: Coulomb coefficient of palm and fingers (footnote 3).
+        hand_inertia: moment of inertia of the drive that turns the palm [kg m^2].
+        finger_inertia: moment of inertia that stands for a finger's stiff guide [kg m^2]; without it the solver does not
+            hold the fingers straight against the arm that moves them.
         hand_force: limit of the servo that drives the palm [N].
         hand_torque: limit of the servo that turns the palm [N m].
         squeezing_force: of each finger [N].
@@ -40,6 +43,8 @@ class Physics:
     joint_correction: float = 0.5
     gripper_density: float = 1.0
     gripper_friction: float = 0.3
+    hand_inertia: float = 1e-4
+    finger_inertia: float = 1e-5
     hand_force: float = 5.0
     hand_torque: float = 0.5
     squeezing_force: float = 0.1

@@ -117,9 +117,9 @@ class Simulator:
         gripper, density = scene.gripper, physics.gripper_density
         self._guide = _Body(0.0, 0.0)
         self._ground = _Body(0.0, 0.0)
-        self._palm = self._gripper_body(gripper.palm)
-        self._left = self._gripper_body(gripper.finger(1))
-        self._right = self._gripper_body(gripper.finger(-1))
+        self._palm = self._gripper_body(gripper.palm, physics.hand_inertia)
+        self._left = self._gripper_body(gripper.finger(1), physics.finger_inertia)
+        self._right = self._gripper_body(gripper.finger(-1), physics.finger_inertia)
         arm_mass = density * gripper.finger_length * gripper.finger_thickness
         self._arm = _Body(arm_mass, arm_mass * _ARM_LENGTH**2)
         self._objects = [
@@ -134,12 +134,12 @@ class Simulator:
         self._joint_bias = (1.0 - physics.joint_correction) ** (1.0 / physics.time_step)
         self._joints = [*self._gripper_joints(), *self._surface_joints()]
 
-    def _gripper_body(self, outline: FloatArray) -> _Body:
-        """Palm or finger; its mass is taken about the origin of the gripper frame, where the servo holds it."""
+    def _gripper_body(self, outline: FloatArray, drive_inertia: float) -> _Body:
+        """Palm or finger, its mass taken about the origin of the frame in which it is driven."""
         density = self.physics.gripper_density
         return _Body(
             density * geometry.signed_area(outline),
-            density * geometry.second_moment_of_area(outline),
+            density * geometry.second_moment_of_area(outline) + drive_inertia,
             [outline],
             self.physics.gripper_friction,
             _GRIPPER_GROUP,
