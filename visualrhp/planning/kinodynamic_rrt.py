@@ -74,6 +74,7 @@ class KinodynamicRRT(Planner):
     num_children: int = 8
     num_directed: int = 4
     direction_noise: float = 0.3
+    gripper_persistence: float = 0.5
     goal_bias: float = 0.5
     robot_bias: float = 0.25
     standoff: float = 0.1
@@ -324,6 +325,9 @@ def _partly_directed(planner: KinodynamicRRT) -> _Proposal:
         directed = actions[: planner.num_directed]
         directed[:, :3] = _action_towards(sample.robot_pose(tree.states[node].vector), tree.states[node])
         directed[:, :3] += rng.normal(0.0, planner.direction_noise, (planner.num_directed, 3))
+        command = 1.0 if tree.states[node].gripper_closed else -1.0
+        keeps = rng.random(planner.num_children) < planner.gripper_persistence
+        actions[:, 3] = np.abs(actions[:, 3]) * np.where(keeps, command, -command)
         return list(actions.clip(-1.0, 1.0))
 
     return propose

@@ -45,7 +45,8 @@ class Rollout:
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 
     Attributes:
-        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged.
+        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged; the one on which the
+            physics diverged is the last, and has no reward.
         states: the states passed through, the current state first: as many as rewards, plus one.
         rewards: one per simulated action.
         value_estimate: v(s_h), or 0 after a terminal state, where nothing is left to earn; NaN if it diverged.

@@ -137,6 +137,7 @@ class _GrowingRollout:
     rng: np.random.Generator
     state: State
     next_action: Action
+    actions: list[Action] = field(default_factory=list)
     transitions: list[Transition] = field(default_factory=list)
     value_estimate: float = 0.0
     is_diverged: bool = False
@@ -149,6 +150,7 @@ class _GrowingRollout:
     def simulate(self, known: _Known) -> None:
         """s, r <- simulatePhysics(s, a). Discrete roll-outs often begin alike: what is in ``known`` is not redone."""
         current = self.transitions[-1].next_state if self.transitions else self.state
+        self.actions.append(self.next_action)
         key = (current, self.next_action) if isinstance(self.next_action, int) else None
         transition = known.get(key) if key is not None else None
         if transition is None:
@@ -167,9 +169,7 @@ class _GrowingRollout:
     def finish(self, discount: float) -> Rollout:
         """Return the finished roll-out with its return (Eq. 3)."""
         rewards = tuple(transition.reward for transition in self.transitions)
-        actions = tuple(transition.action for transition in self.transitions)
         if self.is_diverged or not math.isfinite(self.value_estimate):
-            actions = actions if actions else (self.next_action,)
             total_return, value_estimate = -math.inf, math.nan
         else:
             value_estimate = self.value_estimate
@@ -177,7 +177,7 @@ class _GrowingRollout:
             if not self.transitions[-1].is_terminal:
                 total_return += discount ** len(rewards) * value_estimate
         states = (self.state, *(transition.next_state for transition in self.transitions))
-        return Rollout(actions, states, rewards, value_estimate, total_return)
+        return Rollout(tuple(self.actions), states, rewards, value_estimate, total_return)
 
 
 def _observed(active: Sequence[tuple[_GrowingRollout, _Known]]) -> tuple[list[Scene], list[State]]:
