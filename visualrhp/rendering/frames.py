@@ -238,7 +238,7 @@ def _draw_scene(scene: Scene, state: State, size_px: int, trail: Sequence[State]
 
 
 def _draw_surface(canvas: _Canvas, scene: Scene) -> None:
-    canvas.polygon(scene.edges + (0.004, -0.006), _mix(BACKGROUND, INK, 0.14))
+    canvas.polygon(scene.edges + np.array([0.004, -0.006]), _mix(BACKGROUND, INK, 0.14))
     canvas.polygon(scene.edges, SURFACE)
     low, high = scene.edges.min(axis=0), scene.edges.max(axis=0)
     surface = canvas.picture.copy()
@@ -265,7 +265,7 @@ def _draw_shadows(canvas: _Canvas, outlines: Sequence[FloatArray]) -> None:
     """A soft shadow under everything that lies on the surface."""
     mask = np.zeros(canvas.picture.shape[:2], dtype=np.uint8)
     for outline in outlines:
-        cv2.fillPoly(mask, [canvas.fixed_point(outline + (0.003, -0.005))], 70, cv2.LINE_AA, _SHIFT)
+        cv2.fillPoly(mask, [canvas.fixed_point(outline + np.array([0.003, -0.005]))], 70, cv2.LINE_AA, _SHIFT)
     mask = cv2.blur(mask, (canvas.thickness(0.008),) * 2)
     shade = (255 - mask)[..., None].astype(np.uint16)
     canvas.picture[:] = (canvas.picture * shade // 255).astype(np.uint8)
