@@ -1,12 +1,12 @@
 """A trivial task with the interfaces of the real one: walk along a line to its right end, and do not fall off the left.
 
 Position x; the goal is x >= 1, x < 0 is a drop. Discrete: action 0 goes right by 0.25, 1 goes left, all others stay.
-Continuous: the first component times 0.25. Observation [2]: (x, 1).
+Continuous: the first component times 0.25. Observation [5]: x, and four bumps around the places 0, 0.25, 0.5 and 0.75.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -17,10 +17,17 @@ from torchrl.envs import EnvBase
 
 from visualrhp.planning.planner import Decision
 from visualrhp.simulation.action_spaces import make_action_space
-from visualrhp.types import ActionSpaceName
+from visualrhp.types import ActionSpaceName, State
 
 STEP = 0.25
 LIMIT = 10
+FEATURES = 5
+
+
+def features(x: torch.Tensor) -> torch.Tensor:
+    """Positions [B] to observations [B, 5]."""
+    bumps = torch.exp(-(((x[:, None] - STEP * torch.arange(4)) / 0.15) ** 2))
+    return torch.cat([x[:, None], bumps], -1).float()
 
 
 class Corridor(EnvBase):
@@ -37,7 +44,7 @@ class Corridor(EnvBase):
         self.x = torch.zeros(num_envs, dtype=torch.float64)
         flag = Categorical(2, shape=batch, dtype=torch.bool)
         self.observation_spec = Composite(
-            observation=Unbounded(shape=(*batch, 2)),
+            observation=Unbounded(shape=(*batch, FEATURES)),
             gripper_closed=flag,
             state=Unbounded(shape=(*batch, 1), dtype=torch.float64),
             instance=Unbounded(shape=batch, dtype=torch.int64),
@@ -70,13 +77,12 @@ class Corridor(EnvBase):
         return self.taken.tolist()
 
     @staticmethod
-    def observe(scene: object, state: np.ndarray) -> np.ndarray:
-        return np.array([state[0], 1.0], dtype=np.float32)
+    def observe(scene: object, state: State) -> np.ndarray:
+        return features(torch.tensor([state.vector[0]]))[0].numpy()
 
     def recall(self, instances: torch.Tensor, states: torch.Tensor) -> TensorDict:
-        observation = torch.cat([states, torch.ones_like(states)], -1).float()
         closed = torch.zeros(len(states), dtype=torch.bool)
-        return TensorDict({"observation": observation, "gripper_closed": closed}, batch_size=[len(states)])
+        return TensorDict({"observation": features(states[:, 0]), "gripper_closed": closed}, batch_size=[len(states)])
 
     def _set_seed(self, seed: int | None) -> None:
         pass
@@ -142,26 +148,26 @@ class CorridorPlanner:
 
 
 class TinyQNetwork(nn.Module):
-    """Observation [B, 2] to action values [B, 8]."""
+    """Observation [B, 5] to action values [B, 8]."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
         with torch.random.fork_rng():
             torch.manual_seed(seed)
-            self.layers = nn.Sequential(nn.Linear(2, 32), nn.Tanh(), nn.Linear(32, 8))
+            self.layers = nn.Sequential(nn.Linear(FEATURES, 32), nn.Tanh(), nn.Linear(32, 8))
 
     def forward(self, observation: torch.Tensor, gripper_closed: torch.Tensor) -> torch.Tensor:
         return 10.0 * self.layers(observation)
 
 
 class TinyActorCritic(nn.Module):
-    """Observation [B, 2] to means [B, 4], stds [B, 4] and values [B], with a shared body as in Sec. 7.2."""
+    """Observation [B, 5] to means [B, 4], stds [B, 4] and values [B], with a shared body as in Sec. 7.2."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
         with torch.random.fork_rng():
             torch.manual_seed(seed)
-            self.body = nn.Sequential(nn.Linear(2, 32), nn.Tanh())
+            self.body = nn.Sequential(nn.Linear(FEATURES, 32), nn.Tanh())
             self.mean, self.std, self.value = nn.Linear(32, 4), nn.Linear(32, 4), nn.Linear(32, 1)
 
     def forward(
@@ -170,3 +176,15 @@ class TinyActorCritic(nn.Module):
         hidden = self.body(observation)
         value = 10.0 * self.value(hidden)[:, 0]
         return torch.tanh(self.mean(hidden)), torch.sigmoid(self.std(hidden)) + 0.05, value
+
+
+def success_rate(action_space: ActionSpaceName, act: Callable[[torch.Tensor], torch.Tensor]) -> dict[str, float]:
+    """Share of the episodes from the three starts that ``act`` (observations to actions) brings to the goal."""
+    env = Corridor(action_space, num_envs=3)
+    step, solved = env.reset(), torch.zeros(3, dtype=torch.bool)
+    with torch.no_grad():
+        for _ in range(LIMIT - 1):
+            step, following = env.step_and_maybe_reset(step.set("action", act(step["observation"])))
+            solved |= step["next", "is_goal"]
+            step = following
+    return {"success_rate": solved.float().mean().item()}
