@@ -39,7 +39,7 @@ class Physics:
     iterations: int = 15
     gravity: float = 9.81
     contact_slop: float = 1e-4
-    overlap_correction: float = 0.3
+    overlap_correction: float = 0.5
     joint_correction: float = 0.5
     gripper_density: float = 1.0
     gripper_friction: float = 0.3
