@@ -33,7 +33,8 @@ def test_follows_the_gymnasium_api(action_space, observation, num_objects):
 
 
 def test_import_of_the_package_stays_light():
-    code = "import sys, visualrhp; print([m for m in ('torch', 'torchrl', 'pymunk', 'cv2', 'shapely') if m in sys.modules])"
+    heavy = ("torch", "torchrl", "pymunk", "cv2", "shapely")
+    code = f"import sys, visualrhp; print([name for name in {heavy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
@@ -88,7 +89,7 @@ def test_an_episode_is_truncated_after_49_actions():
 
 
 def test_bad_arguments_and_actions_are_refused():
-    with pytest.raises(ConfigError, match="cartesian|Cartesian"):
+    with pytest.raises(ConfigError, match="Cartesian"):
         ClutterManipulation(observation="cartesian")
     with pytest.raises(ConfigError, match="sonar"):
         ClutterManipulation(observation="sonar")

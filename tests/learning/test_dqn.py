@@ -126,7 +126,13 @@ def test_exploration_depends_on_the_task_and_the_step_alone():
 @pytest.mark.parametrize("interval", [None, 10])
 def test_solves_the_corridor(interval):
     config = DQNConfig(
-        buffer_size=2000, collected=200, epochs=10, batch_size=100, lr=1e-3, discount=0.9, target_update_interval=interval
+        buffer_size=2000,
+        collected=200,
+        epochs=10,
+        batch_size=100,
+        lr=1e-3,
+        discount=0.9,
+        target_update_interval=interval,
     )
     env = Corridor("discrete")
     learner = DQN(TinyQNetwork(), env, CorridorPlanner(), config, [], seed=0, evaluate=greedy_success)
@@ -135,7 +141,9 @@ def test_solves_the_corridor(interval):
     assert greedy_success(learner.best_network)["success_rate"] == 1.0
     assert greedy_success(learner.network)["success_rate"] == 1.0
     with torch.no_grad():
-        best = learner.network(features(torch.tensor([0.0, 0.25, 0.5, 0.75])), torch.zeros(4, dtype=torch.bool)).max(1)[0]
+        best = learner.network(features(torch.tensor([0.0, 0.25, 0.5, 0.75])), torch.zeros(4, dtype=torch.bool)).max(1)[
+            0
+        ]
     torch.testing.assert_close(best, torch.tensor([-3.439, -2.71, -1.9, -1.0]), atol=0.4, rtol=0.0)
 
 

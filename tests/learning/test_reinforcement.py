@@ -25,7 +25,7 @@ class Counting(ReinforcementLearner):
 
 def scores(*successes: float):
     remaining = list(successes)
-    return lambda network: {"success_rate": remaining.pop(0)}
+    return lambda _: {"success_rate": remaining.pop(0)}
 
 
 def bias(network: torch.nn.Module) -> float:
@@ -46,7 +46,7 @@ def test_evaluations_come_at_the_interval_and_at_the_end():
     learner = Counting(TinyQNetwork(), Corridor("discrete"), scores(0.0, 0.1, 0.2, 0.3), evaluate_every=2)
     evaluated = [row["iteration"] for row in learner.run(5) if "greedy/success_rate" in row]
     assert evaluated == [0.0, 2.0, 4.0, 5.0]
-    with pytest.raises(ConfigError, match="evaluate_every=0|evaluate_every"):
+    with pytest.raises(ConfigError, match="evaluate_every"):
         Counting(TinyQNetwork(), Corridor("discrete"), evaluate_every=0)
 
 

@@ -124,13 +124,13 @@ class BatchedClutterEnv(EnvBase):
 
     def _make_specs(self) -> None:
         batch = self.batch_size
-        shape = (*batch, *self.observe.shape)
+        shape = torch.Size([*batch, *self.observe.shape])
         self.observation_spec = Composite(
             observation=Categorical(NUM_LABELS, shape=shape, dtype=torch.uint8)
             if self.observe.name == "image"
             else Unbounded(shape=shape, dtype=torch.float32),
             gripper_closed=Categorical(2, shape=batch, dtype=torch.bool),
-            state=Unbounded(shape=(*batch, self._state_dimension), dtype=torch.float64),
+            state=Unbounded(shape=torch.Size([*batch, self._state_dimension]), dtype=torch.float64),
             instance=Unbounded(shape=batch, dtype=torch.int64),
             is_goal=Categorical(2, shape=batch, dtype=torch.bool),
             is_dropped=Categorical(2, shape=batch, dtype=torch.bool),
@@ -139,10 +139,11 @@ class BatchedClutterEnv(EnvBase):
         if self.action_space.name == "discrete":
             self.action_spec = Categorical(DiscreteActionSpace.NUM_ACTIONS, shape=batch, dtype=torch.int64)
         else:
-            shape = (*batch, ContinuousActionSpace.DIMENSION)
+            shape = torch.Size([*batch, ContinuousActionSpace.DIMENSION])
             self.action_spec = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32)
-        self.reward_spec = Unbounded(shape=(*batch, 1), dtype=torch.float32)
-        flag = Binary(1, shape=(*batch, 1), dtype=torch.bool)
+        column = torch.Size([*batch, 1])
+        self.reward_spec = Unbounded(shape=column, dtype=torch.float32)
+        flag = Binary(1, shape=column, dtype=torch.bool)
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=batch)
 
     def _set_seed(self, seed: int | None) -> None:
@@ -245,8 +246,8 @@ class BatchedClutterEnv(EnvBase):
         expected = (self.num_envs, self._state_dimension)
         if tuple(snapshot["state"].shape) != expected:
             raise CheckpointError(
-                f"the checkpoint holds environment states of shape {list(snapshot['state'].shape)}, and this environment "
-                f"needs {list(expected)}: it was written with another number of environments or objects"
+                f"the checkpoint holds environment states of shape {list(snapshot['state'].shape)}, and this "
+                f"environment needs {list(expected)}: another number of environments or objects wrote it"
             )
         self._next_indices = snapshot["next_index"].tolist()
         rows = zip(self._tasks, snapshot["instance"].tolist(), snapshot["num_actions"].tolist(), strict=True)

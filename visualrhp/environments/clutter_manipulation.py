@@ -75,7 +75,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode is {render_mode!r}; choose None or rgb_array")
-        distribution = SceneDistribution(num_objects=tuple(num_objects), object_size=object_size)
+        distribution = SceneDistribution(num_objects=(num_objects[0], num_objects[1]), object_size=object_size)
         self.render_mode = render_mode
         self._observe = ObservationFunction.for_distribution(observation, distribution)
         self._split = Split(split)

@@ -167,7 +167,7 @@ class C3PO(ReinforcementLearner):
             in_keys=["loc", "scale"], out_keys=["action"], distribution_class=IndependentNormal, return_log_prob=True
         )
         self._policy_loss = ClipPPOLoss(
-            ProbabilisticTensorDictSequential(self._actor_critic, sampling),
+            ProbabilisticTensorDictSequential([self._actor_critic, sampling]),
             TensorDictModule(nn.Identity(), ["state_value"], ["state_value"]),
             clip_epsilon=config.clip_epsilon,
             critic_coeff=config.value_coefficient,
@@ -226,10 +226,10 @@ class C3PO(ReinforcementLearner):
             ``action_log_prob`` [N T], ``value_target`` (r + gamma v_old(s')) and ``advantage`` (Eq. 9) [N T, 1].
         """
         shape = transitions.batch_size
+        following: Any = transitions["next"]
         inputs = transitions.select(*_NETWORK_INPUTS, "action")
-        outputs = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
+        outputs: Any = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
         value = outputs["state_value"]
-        following = transitions["next"]
         # s' is the next row's s, and need not be evaluated again, except where an episode or the collection ends.
         next_value = value.roll(-1, dims=1)
         is_last = following["done"].squeeze(-1).clone()
@@ -257,10 +257,10 @@ class C3PO(ReinforcementLearner):
             }
         ).flatten(0, 1)
 
-    def _evaluate_network(self, inputs: TensorDictBase) -> TensorDictBase:
+    def _evaluate_network(self, inputs: Any) -> Any:
         """Means, stds and values of many states, a minibatch at a time."""
         parts = inputs.select(*_NETWORK_INPUTS).split(self.config.batch_size)
-        return torch.cat([self._actor_critic(part).select(*_NETWORK_OUTPUTS) for part in parts])
+        return TensorDict.cat([self._actor_critic(part).select(*_NETWORK_OUTPUTS) for part in parts])
 
     def _minibatches(self, data: TensorDictBase) -> ReplayBuffer:
         """D^replay: an epoch is one pass through it in random order."""

@@ -289,8 +289,8 @@ class DQN(ReinforcementLearner):
         return {"optimizer": self._optimizer, "sampling": self._sampling, "q_loss": self._q_loss}
 
     def _iterate(self) -> Metrics:
-        transitions, metrics = self._collector.collect(self._explore, self.config.collected)
-        transitions = transitions.flatten(0, 1)
+        collected, metrics = self._collector.collect(self._explore, self.config.collected)
+        transitions: Any = collected.flatten(0, 1)
         self._replay.extend(transitions.select(*_REPLAYED))
         self._remember(transitions.select(*_REMEMBERED))
         start = time.perf_counter()
@@ -300,9 +300,7 @@ class DQN(ReinforcementLearner):
         metrics["value/td_rmse"] = losses.mean().sqrt().item()
         metrics["exploration/epsilon"] = self.config.epsilon
         metrics["replay/transitions"] = float(len(self._replay))
-        metrics["optimization/samples_per_s"] = (
-            num_batches * self.config.batch_size / (time.perf_counter() - start)
-        )
+        metrics["optimization/samples_per_s"] = num_batches * self.config.batch_size / (time.perf_counter() - start)
         return metrics
 
     def _optimize(self, batch: TensorDictBase) -> torch.Tensor:
@@ -327,9 +325,10 @@ class DQN(ReinforcementLearner):
             del self._remembered[0]
 
     def _values(self) -> dict[str, Any]:
-        remembered = {}
+        remembered: dict[str, torch.Tensor] = {}
         if self._remembered:
-            remembered = torch.cat(self._remembered).flatten_keys(".")
+            joined: Any = TensorDict.cat(self._remembered)
+            remembered = joined.flatten_keys(".").to_dict()
         return {
             "num_demonstrated": self._num_demonstrated,
             "target_updater": self._target_updater and self._target_updater.state_dict(),
@@ -354,7 +353,7 @@ class DQN(ReinforcementLearner):
         written_before = self._num_demonstrated + self._collector.num_transitions - len(remembered)
         self._replay.writer.load_state_dict({"_cursor": written_before % self.config.buffer_size})
         for part in self._remembered:
-            seen = part.select(*_REPLAYED, strict=False)
+            seen: Any = part.select(*_REPLAYED, strict=False)
             seen.update(self._env.recall(part["instance"], part["state"]))
             seen["next"].update(self._env.recall(part["instance"], part["next", "state"]))
             self._replay.extend(seen)

@@ -1,5 +1,4 @@
-"""What DQN and C3PO share: collecting transitions, statistics of episodes, keeping the best network, going on (Sec. 6.3).
-"""
+"""What DQN and C3PO share: collecting transitions, statistics of episodes, keeping the best network, going on (Sec. 6.3)."""
 
 from __future__ import annotations
 
@@ -88,7 +87,7 @@ class Collector:
                 step, current = self.env.step_and_maybe_reset(policy(current))
                 steps.append(step)
         self._current = current
-        transitions = torch.stack(steps, 1)
+        transitions: Any = TensorDict.stack(steps, 1)
         self.num_transitions += transitions.numel()
         metrics = self._episode_statistics(transitions["next"])
         metrics["collection/transitions_per_s"] = transitions.numel() / (time.perf_counter() - start)
@@ -253,5 +252,5 @@ def mean_metrics(rows: list[TensorDict]) -> Metrics:
     """Mean over minibatches of their scalar entries."""
     if not rows:
         return {}
-    joined = torch.stack([row.detach() for row in rows])
+    joined: Any = TensorDict.stack([row.detach() for row in rows])
     return {str(name): value.float().mean().item() for name, value in joined.items()}
