@@ -87,7 +87,8 @@ class DQNConfig:
                 raise ConfigError(f"{name}={getattr(self, name)}: must be within [0, 1]")
         if self.target_update_interval is not None and self.target_update_interval < 1:
             raise ConfigError(
-                f"target_update_interval={self.target_update_interval}: must be at least 1, or null for no target network"
+                f"target_update_interval={self.target_update_interval}: must be at least 1, or null for no target "
+                "network"
             )
         if self.max_grad_norm is not None and not self.max_grad_norm > 0.0:
             raise ConfigError(f"max_grad_norm={self.max_grad_norm}: must be positive, or null for no limit")
@@ -225,8 +226,8 @@ def make_q_loss(network: nn.Module, discount: float, has_target_network: bool = 
 class DQN(ReinforcementLearner):
     r"""DQN with :math:`\epsilon`-RHP in N environments side by side.
 
-    An iteration collects ``collected`` transitions into the replay buffer, which the demonstrations filled at first, and
-    then takes ``epochs * collected / batch_size`` optimization steps on minibatches drawn from it at random.
+    An iteration collects ``collected`` transitions into the replay buffer, which the demonstrations filled at first,
+    and then takes ``epochs * collected / batch_size`` optimization steps on minibatches drawn from it at random.
 
     Args:
         network: ``forward(observation, gripper_closed) -> q [B, 8]``; trained in place.

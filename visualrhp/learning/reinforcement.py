@@ -1,4 +1,4 @@
-"""What DQN and C3PO share: collecting transitions, statistics of episodes, keeping the best network, going on (Sec. 6.3)."""
+"""What DQN and C3PO share (Sec. 6.3): collecting, statistics of episodes, keeping the best network, resuming."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ class Collector:
 
         Returns:
             the transitions, [N, T] in the order of time, and statistics of the episodes that ended meanwhile:
-            ``collection/episodes``, ``/success_rate``, ``/dropped_rate``, ``/return`` (mean undiscounted sum of rewards)
-            and ``/transitions_per_s``. The rates and the return are left out if no episode ended.
+            ``collection/episodes``, ``/success_rate``, ``/dropped_rate``, ``/return`` (mean undiscounted sum of
+            rewards) and ``/transitions_per_s``. The rates and the return are left out if no episode ended.
         """
         start = time.perf_counter()
         current = self.env.reset() if self._current is None else self._current

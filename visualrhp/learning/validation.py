@@ -46,8 +46,8 @@ class GreedyValidation:
         """Measure ``heuristic``.
 
         Returns:
-            ``success_rate`` and ``dropped_rate``, shares of the instances; ``action_efficiency``, mean number of objects
-            over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if there are none).
+            ``success_rate`` and ``dropped_rate``, shares of the instances; ``action_efficiency``, mean number of
+            objects over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if there are none).
         """
         tasks = [
             ClutterTask(self._distribution, make_action_space(heuristic.action_space), self._physics)
