@@ -33,10 +33,10 @@ class Physics:
         ConfigError: a parameter is out of range.
     """
 
-    time_step: float = 1.0 / 60.0
-    motion_steps: int = 30
-    settle_steps: int = 8
-    iterations: int = 15
+    time_step: float = 0.01
+    motion_steps: int = 50
+    settle_steps: int = 10
+    iterations: int = 10
     gravity: float = 9.81
     contact_slop: float = 1e-4
     overlap_correction: float = 0.5
