@@ -1,0 +1,196 @@
+"""What all pipelines have in common: Hydra, typed configuration, errors of one paragraph, exit codes.
+
+======= =============================================================
+code    meaning
+======= =============================================================
+0       done
+1       a defect of ours: a traceback is printed
+2       a mistake in the configuration or in a file: one paragraph
+130     Ctrl-C
+143     told to stop (SIGTERM)
+======= =============================================================
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import hydra
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pipelines.config import PipelineConfig
+from pipelines.decode import decode, suggestion
+
+CONFIG_FOLDER = Path(__file__).resolve().parents[1] / "conf"
+_VERSION_BASE = "1.3"
+_DEBUG = "HYDRA_FULL_ERROR"
+
+_log = logging.getLogger(__name__)
+
+Config = TypeVar("Config", bound=PipelineConfig)
+
+
+def app(config_name: str, schema: type[Config]) -> Callable[[Callable[[Config], None]], Callable[[], None]]:
+    """Make ``task(config)`` the main function of a pipeline whose primary file is ``conf/<config_name>.yaml``.
+
+    The typed configuration is complete and checked before the task starts. In a sweep (``-m``) every job makes its
+    artefact in a folder of its own, ``<outputs>/sweeps/<pipeline>/<overrides>``.
+    """
+
+    def decorate(task: Callable[[Config], None]) -> Callable[[], None]:
+        @functools.wraps(task)
+        def main() -> None:
+            sys.exit(_main(config_name, schema, task))
+
+        return main
+
+    return decorate
+
+
+def compose(config_name: str, schema: type[Config], overrides: Sequence[str] = ()) -> Config:
+    """Compose and check the configuration of a pipeline outside of its app, or of another pipeline within it.
+
+    Raises:
+        ConfigError: an override is wrong.
+    """
+    # Within an app Hydra is initialized already; its search path is the same.
+    if GlobalHydra.instance().is_initialized():
+        return _composed(config_name, schema, overrides)
+    with hydra.initialize_config_dir(version_base=_VERSION_BASE, config_dir=str(CONFIG_FOLDER)):
+        return _composed(config_name, schema, overrides)
+
+
+def command_line_overrides() -> list[str]:
+    """The overrides that the running pipeline was started with; none outside of an app."""
+    return list(HydraConfig.get().overrides.task) if HydraConfig.initialized() else []
+
+
+def override_keys(overrides: Sequence[str]) -> set[str]:
+    """The keys that ``overrides`` set: ``["+a.b=1", "c@d=2"]`` -> ``{"a.b", "c"}``."""
+    return {re.sub(r"^[+~]*", "", override.split("=", 1)[0]).split("@", 1)[0] for override in overrides}
+
+
+def to_typed(config: DictConfig, schema: type[Config]) -> Config:
+    """Resolve and check a composed configuration.
+
+    Raises:
+        ConfigError: a key is unknown or absent, or a value has the wrong type or is out of range.
+    """
+    return decode(schema, OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
+
+
+def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) -> Config:
+    try:
+        return to_typed(hydra.compose(config_name, list(overrides)), schema)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise _config_error(error) from error
+
+
+def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]) -> int:
+    from visualrhp.errors import VisualRHPError
+
+    debug = os.environ.get(_DEBUG, "0") not in ("", "0")
+    os.environ[_DEBUG] = "1"  # so that Hydra hands exceptions over instead of printing them
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    failures: list[VisualRHPError] = []
+
+    def run(config: DictConfig) -> None:
+        """Hydra's task function: of a single run a failure is kept and not raised, lest Hydra reports it in its own way."""
+        is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
+        try:
+            typed = to_typed(config, schema)
+            task(_in_sweep_folder(typed) if is_sweep else typed)
+        except VisualRHPError as error:
+            if is_sweep or debug:
+                raise
+            failures.append(error)
+        except OmegaConfBaseException as error:
+            if is_sweep or debug:
+                raise _config_error(error) from error
+            failures.append(_config_error(error))
+
+    try:
+        hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
+    except (HydraException, OmegaConfBaseException) as error:
+        if debug:
+            raise
+        failures.append(_config_error(error))
+    except VisualRHPError as error:
+        if debug:
+            raise
+        failures.append(error)
+    except KeyboardInterrupt:
+        print("Interrupted; the same command goes on from here.", file=sys.stderr)
+        return 130
+    for failure in failures:
+        print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
+    return 2 if failures else 0
+
+
+def _in_sweep_folder(config: Config) -> Config:
+    """Give every job of a sweep its own artefact, named by its overrides so that the same sweep goes on from it."""
+    hydra_config = HydraConfig.get()
+    name = re.sub(r"[^\w.,=+\[\]-]", "_", hydra_config.job.override_dirname) or str(hydra_config.job.num)
+    artefact = Path(config.paths.outputs) / "sweeps" / hydra_config.job.name / name
+    return replace(config, paths=replace(config.paths, artefact=str(artefact)))
+
+
+# -------------------------------------------------------------------------------------- Hydra's errors, in one sentence
+def _config_error(error: Exception) -> Any:
+    """The ConfigError that says what ``error`` means to the person at the command line."""
+    from visualrhp.errors import ConfigError
+
+    cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
+    text = str(error)
+    if match := re.search(r"Could not find '(?P<group>[^']*)/(?P<option>[^']*)'", text):
+        # The list that Hydra gives stops at an empty line.
+        options = re.search(r"Available options in '[^']*':\n(.*?)(\n\n|\nConfig search path|\Z)", text, re.DOTALL)
+        names = options.group(1).split() if options else []
+        return ConfigError(
+            f"{match['group']}={match['option']} is not known. {suggestion(match['option'], names)} "
+            f"(conf/{match['group']}/ holds {', '.join(sorted(names)) or 'nothing'}.)"
+        )
+    if match := re.search(r"Could not override '(?P<key>[^']*)'", text):
+        return ConfigError(_unknown_key(match["key"], cause))
+    if match := re.search(r"Error parsing override '(?P<override>[^']*)'", text):
+        return ConfigError(
+            f"The argument {match['override']} cannot be read: arguments are key=value, values with special characters "
+            """are quoted, such as 'title="a, b"'."""
+        )
+    if match := re.search(r"Ambiguous value for argument '(?P<override>[^']*)'", text):
+        return ConfigError(
+            f"{match['override']} lists several values, which is a sweep: add -m to run all of them, or write a list as "
+            "key=[a,b]."
+        )
+    return ConfigError(" ".join(re.sub(r"\s*(full_key|object_type|reference_type)[=:].*", "", text).split()))
+
+
+def _unknown_key(key: str, cause: BaseException) -> str:
+    parent = getattr(cause, "parent_node", None)
+    last = str(getattr(cause, "key", None) or key.rpartition(".")[2])
+    groups = sorted(entry.name for entry in CONFIG_FOLDER.iterdir() if entry.is_dir())
+    if isinstance(parent, DictConfig):
+        where = str(getattr(cause, "full_key", "") or key)
+        return f"There is no key {where}. {suggestion(last, [str(name) for name in parent])}"
+    return f"There is no key or group {key} here. {suggestion(key, groups)}"
+
+
+def _quiet_libraries() -> None:
+    # Hydra looks at every installed plugin; what those warn about is not ours to mend.
+    warnings.filterwarnings("ignore", category=DeprecationWarning, module=r"hydra(\..*)?")
