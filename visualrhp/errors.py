@@ -27,6 +27,10 @@ class SimulationError(VisualRHPError):
     """The physics diverged (a pose is not finite)."""
 
 
+class LearningError(VisualRHPError):
+    """A training diverged (a loss is not finite)."""
+
+
 class DataError(VisualRHPError):
     """A data file is missing, damaged, or was made for something else."""
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from corridor import Corridor, TinyQNetwork
 
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, LearningError
 from visualrhp.learning.reinforcement import Collector, Metrics, ReinforcementLearner
 
 
@@ -58,6 +58,17 @@ def test_the_best_network_survives_a_restart(tmp_path):
     resumed.load(tmp_path / "state.safetensors")
     list(resumed.run(3))
     assert resumed.iteration == 3 and resumed.best_iteration == 1 and bias(resumed.best_network) == 1.0
+
+
+def test_the_history_survives_a_restart_and_divergence_is_an_error(tmp_path):
+    learner = Counting(TinyQNetwork(), Corridor("discrete"), scores(0.1, 0.9, 0.2, float("nan")))
+    rows = list(learner.run(2))
+    learner.save(tmp_path / "state.safetensors")
+    resumed = Counting(TinyQNetwork(), Corridor("discrete"))
+    resumed.load(tmp_path / "state.safetensors")
+    assert resumed.history == rows
+    with pytest.raises(LearningError, match="iteration 3: greedy/success_rate"):
+        list(learner.run(3))
 
 
 def test_episode_statistics_span_collections():

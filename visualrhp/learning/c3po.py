@@ -210,7 +210,7 @@ class C3PO(ReinforcementLearner):
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         """a ~ N(mean, std), with its log-probability as sampled, that is before the environment clips it."""
-        outputs = self._actor_critic(tensordict.select(*_NETWORK_INPUTS))
+        outputs = self._actor_critic(tensordict.select(*_NETWORK_INPUTS).to(self._device)).cpu()
         noise = torch.randn(outputs["loc"].shape, generator=self._sampling)
         return tensordict.set("action", outputs["loc"] + outputs["scale"] * noise)
 
@@ -226,8 +226,8 @@ class C3PO(ReinforcementLearner):
             ``action_log_prob`` [N T], ``value_target`` (r + gamma v_old(s')) and ``advantage`` (Eq. 9) [N T, 1].
         """
         shape = transitions.batch_size
-        following: Any = transitions["next"]
-        inputs = transitions.select(*_NETWORK_INPUTS, "action")
+        following: Any = transitions["next"].to(self._device)
+        inputs = transitions.select(*_NETWORK_INPUTS, "action").to(self._device)
         outputs: Any = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
         value = outputs["state_value"]
         # s' is the next row's s, and need not be evaluated again, except where an episode or the collection ends.

@@ -306,7 +306,7 @@ class DQN(ReinforcementLearner):
 
     def _optimize(self, batch: TensorDictBase) -> torch.Tensor:
         """One step on the loss of Eq. 7, which is returned."""
-        loss = self._q_loss(batch)["loss"]
+        loss = self._q_loss(batch.to(self._device))["loss"]
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         if self.config.max_grad_norm is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import logging
+import math
 import os
 import time
 from abc import ABC, abstractmethod
@@ -14,7 +15,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
 
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, LearningError
 from visualrhp.learning.checkpoints import load_training_state, save_training_state
 
 if "RL_LOGGING_LEVEL" not in os.environ:  # torchrl reports every new storage on stderr; this is where one asks for it
@@ -137,6 +138,7 @@ class ReinforcementLearner(ABC):
 
     Attributes:
         iteration: iterations done.
+        history: the rows of metrics so far, those before a restart included.
         network: the network as the last iteration left it.
         best_network: a copy of the network with the best success rate of the greedy policy so far (the action
             efficiency decides between equals), the initial network included.
@@ -153,9 +155,11 @@ class ReinforcementLearner(ABC):
         if evaluate_every < 1:
             raise ConfigError(f"evaluate_every is a number of iterations and at least 1, not {evaluate_every}")
         self.network = network
+        self._device = next(network.parameters()).device
         self.best_network = copy.deepcopy(network)
         self.best_iteration = 0
         self.iteration = 0
+        self.history: list[Metrics] = []
         self._best_score: list[float] | None = None
         self._collector = Collector(env)
         self._evaluate = evaluate
@@ -167,15 +171,29 @@ class ReinforcementLearner(ABC):
         Yields:
             one row of metrics an iteration, each with ``iteration``; before the first, iteration 0, the greedy
             evaluation of the initial network (if there is one).
+
+        Raises:
+            LearningError: the training diverged.
         """
         if self._evaluate is not None and self._best_score is None:
-            yield {"iteration": 0.0, **self._measure()}
+            yield self._record(self._measure())
         while self.iteration < num_iterations:
             metrics = self._iterate()
             self.iteration += 1
             if self.iteration % self._evaluate_every == 0 or self.iteration == num_iterations:
                 metrics.update(self._measure())
-            yield {"iteration": float(self.iteration), **metrics}
+            yield self._record(metrics)
+
+    def _record(self, metrics: Metrics) -> Metrics:
+        infinite = sorted(name for name, value in metrics.items() if not math.isfinite(value))
+        if infinite:
+            raise LearningError(
+                f"the training diverged in iteration {self.iteration}: {', '.join(infinite)} are not finite; a smaller "
+                "learning rate or a limit of the gradient's norm (max_grad_norm) would be right"
+            )
+        row = {"iteration": float(self.iteration), **metrics}
+        self.history.append(row)
+        return row
 
     @abstractmethod
     def _iterate(self) -> Metrics:
@@ -215,6 +233,7 @@ class ReinforcementLearner(ABC):
             "iteration": self.iteration,
             "best_iteration": self.best_iteration,
             "best_score": self._best_score,
+            "history": self.history,
         }
         save_training_state(path, {**self._all_parts(), **collector, **counters, **self._values()})
 
@@ -232,6 +251,7 @@ class ReinforcementLearner(ABC):
         self.iteration = values["iteration"]
         self.best_iteration = values["best_iteration"]
         self._best_score = values["best_score"]
+        self.history = values["history"]
         self._restore_values(values)
 
     def _all_parts(self) -> dict[str, Any]:
