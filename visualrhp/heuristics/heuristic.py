@@ -1,0 +1,125 @@
+"""What guides a planner: a stochastic policy to sample from, and an estimate of the return that is still to come.
+
+In Algorithm 1 the heuristic plays both parts: it proposes the actions of a roll-out, and it stands for the rewards
+beyond the horizon (Sec. 5.2).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+
+from visualrhp.scene.scene import Scene
+from visualrhp.simulation.action_spaces import make_action_space
+from visualrhp.types import Action, ActionSpaceName, FloatArray, State
+
+
+class Guidance(ABC):
+    """A heuristic's word on B states.
+
+    Attributes:
+        values: [B] expected return from each state.
+    """
+
+    values: FloatArray
+
+    @abstractmethod
+    def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
+        """An action for every state, drawn from the policy with the state's own generator."""
+
+    @abstractmethod
+    def mode(self) -> list[Action]:
+        """The most likely action of every state."""
+
+
+class Heuristic(ABC):
+    """Guides a planner in one action space.
+
+    Attributes:
+        action_space: name of the action space.
+    """
+
+    action_space: ActionSpaceName
+
+    @abstractmethod
+    def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
+        """Look at B states, each in its scene, in one call."""
+
+
+@dataclass(frozen=True)
+class SoftmaxGuidance(Guidance):
+    r"""Policy and value from action values.
+
+    .. math:: P(a|s) = \frac{\exp(q(s, a) / \tau)}{\sum_{a_i} \exp(q(s, a_i) / \tau)}, \quad v(s) = \max_a q(s, a)
+
+    (Eq. 2 and Sec. 5.2).
+
+    Attributes:
+        q_values: [B, 8] q(s, a).
+        temperature: tau.
+    """
+
+    q_values: FloatArray
+    temperature: float
+
+    @property
+    def values(self) -> FloatArray:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.q_values.max(axis=1)
+
+    @property
+    def probabilities(self) -> FloatArray:
+        """[B, 8] P(a|s)."""
+        return softmax(self.q_values / self.temperature, axis=1)
+
+    def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
+        cumulative = np.cumsum(self.probabilities, axis=1)
+        draws = np.array([rng.random() for rng in rngs]) * cumulative[:, -1]
+        return [int(np.searchsorted(row, draw, side="right")) for row, draw in zip(cumulative, draws, strict=True)]
+
+    def mode(self) -> list[Action]:
+        return [int(action) for action in self.q_values.argmax(axis=1)]
+
+
+@dataclass(frozen=True)
+class GaussianGuidance(Guidance):
+    """A diagonal Gaussian policy and its value, N(mu, sigma) of Sec. 4.
+
+    Attributes:
+        means: [B, 4] in [-1, 1].
+        stds: [B, 4].
+        values: [B].
+    """
+
+    means: FloatArray
+    stds: FloatArray
+    values: FloatArray
+
+    def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
+        return [rng.normal(mean, std) for rng, mean, std in zip(rngs, self.means, self.stds, strict=True)]
+
+    def mode(self) -> list[Action]:
+        return list(self.means)
+
+
+@dataclass(frozen=True)
+class UniformGuidance(Guidance):
+    """Actions drawn uniformly; the mode is the first of a fixed stream, as no action is likelier than another.
+
+    Attributes:
+        action_space: name of the action space.
+        values: [B].
+    """
+
+    action_space: ActionSpaceName
+    values: FloatArray
+
+    def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
+        action_space = make_action_space(self.action_space)
+        return [action_space.sample(rng) for rng in rngs]
+
+    def mode(self) -> list[Action]:
+        return self.sample([np.random.default_rng(0) for _ in self.values])
