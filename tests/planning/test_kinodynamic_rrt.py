@@ -106,6 +106,7 @@ def test_the_policy_is_open_loop_and_gives_up_after_its_plan(line_world: Callabl
         {"num_directed": 9},
         {"goal_bias": 0.8, "robot_bias": 0.3},
         {"goal_bias": -0.1},
+        {"gripper_persistence": 1.5},
         {"obstacle_weight": -1.0},
         {"standoff": float("nan")},
         {"max_simulations": 0},

@@ -107,6 +107,26 @@ def generate_demonstration(
     return Attempt(index, task, found.episode, found.num_simulated, found.num_nodes, elapsed)
 
 
+def generate_block(
+    indices: Sequence[int],
+    distribution: SceneDistribution,
+    action_space: ActionSpaceName,
+    planner: KinodynamicRRT,
+    seed: int,
+    physics: Physics | None = None,
+) -> Arrays:
+    """Attempt the task instances ``indices`` one after the other; a unit of parallel work that is cheap to send around.
+
+    Returns:
+        The packed attempts (see :func:`pack`), and ``search_time_s`` [D], which is not part of a stored set.
+    """
+    attempts = [
+        generate_demonstration(distribution, action_space, planner, seed, index, physics) for index in indices
+    ]
+    times = np.array([attempt.search_time_s for attempt in attempts])
+    return {**pack(attempts, action_space), "search_time_s": times}
+
+
 def monte_carlo_returns(rewards: npt.ArrayLike, discount: float = DISCOUNT) -> FloatArray:
     r"""Return :math:`\sum_{k=0}^{L-l-1} \gamma^k r_{l+k+1}` for every step l of a demonstration (Eq. 4), [L]."""
     returns = np.array(rewards, dtype=np.float64)
@@ -304,12 +324,25 @@ class DemonstrationWriter:
         """Whether the wanted number of demonstrations has been added."""
         return self._missing == 0
 
+    @property
+    def num_attempts(self) -> int:
+        """Attempts added so far, failures included."""
+        return self._next_index
+
+    @property
+    def num_missing(self) -> int:
+        """Demonstrations that are still to be added."""
+        return self._missing
+
     def add(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Add the next attempts, packed (see :func:`pack`); their indices continue those added so far.
+
+        Search times are left out, since they would differ from one generation to the next.
 
         Raises:
             DataError: the indices do not continue, or the actions are of another space.
         """
+        arrays = {name: array for name, array in arrays.items() if name != "search_time_s"}
         while len(arrays["index"]) and not self.is_complete:
             room = min(self._missing, self._shard_size - self._num_pending)
             solved = np.cumsum(arrays["solved"])

@@ -57,6 +57,7 @@ class KinodynamicRRT(Planner):
         num_children: k, simulated actions per expansion (Sec. 7.5); in the continuous space only.
         num_directed: how many of them head for the sampled robot pose, with noise; the others are uniform.
         direction_noise: standard deviation of that noise in units of the action range.
+        gripper_persistence: probability that a child keeps the commanded gripper state of its parent (continuous space).
         goal_bias: probability of a pushing sample with the desired object in the target region.
         robot_bias: probability of a sample that only asks for the robot to be near the desired object.
         standoff: largest distance of a pushing robot's frame from the centre of the desired object [m].
@@ -74,7 +75,7 @@ class KinodynamicRRT(Planner):
     num_children: int = 8
     num_directed: int = 4
     direction_noise: float = 0.3
-    gripper_persistence: float = 0.5
+    gripper_persistence: float = 0.8
     goal_bias: float = 0.5
     robot_bias: float = 0.25
     standoff: float = 0.1
@@ -98,6 +99,10 @@ class KinodynamicRRT(Planner):
             raise ConfigError(
                 f"goal_bias={self.goal_bias} and robot_bias={self.robot_bias} of the kinodynamic RRT are probabilities "
                 "with a sum of at most 1."
+            )
+        if not 0.0 <= self.gripper_persistence <= 1.0:
+            raise ConfigError(
+                f"gripper_persistence={self.gripper_persistence} of the kinodynamic RRT is a probability: from 0 to 1."
             )
         for entry in fields(self):
             value = getattr(self, entry.name)
