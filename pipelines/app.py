@@ -111,7 +111,7 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     failures: list[VisualRHPError] = []
 
     def run(config: DictConfig) -> None:
-        """Hydra's task function: of a single run a failure is kept and not raised, lest Hydra reports it in its own way."""
+        """Hydra's task function; a failure of a single run is kept and not raised, lest Hydra reports it its own way."""
         is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
         try:
             typed = to_typed(config, schema)
@@ -175,8 +175,8 @@ def _config_error(error: Exception) -> Any:
         )
     if match := re.search(r"Ambiguous value for argument '(?P<override>[^']*)'", text):
         return ConfigError(
-            f"{match['override']} lists several values, which is a sweep: add -m to run all of them, or write a list as "
-            "key=[a,b]."
+            f"{match['override']} lists several values, which is a sweep: add -m to run all of them, or write a list "
+            "as key=[a,b]."
         )
     return ConfigError(" ".join(re.sub(r"\s*(full_key|object_type|reference_type)[=:].*", "", text).split()))
 

@@ -163,12 +163,12 @@ class RepresentationConfig:
     def __post_init__(self) -> None:
         if self.name == "cartesian" and not self.num_objects:
             raise _error(
-                "representation.num_objects is empty: the Cartesian representation needs the numbers of objects to train "
-                "networks for, such as representation.num_objects=[1,4,7]."
+                "representation.num_objects is empty: the Cartesian representation needs the numbers of objects to "
+                "train networks for, such as representation.num_objects=[1,4,7]."
             )
         if self.name == "image" and self.num_objects:
             raise _error(
-                "representation.num_objects has to be empty ([]): one image network serves every number of objects."
+                "representation.num_objects has to be empty, []: one image network serves every number of objects."
             )
 
 
@@ -438,7 +438,7 @@ class VideosConfig:
         planners: files of the group ``planner``.
         action_spaces: in which each of them is filmed.
         num_scenes: scenes.
-        num_objects: m of these scenes.
+        num_objects: m of these scenes, taken in turn.
         fps: frames a second.
         size_px: width and height.
     """
@@ -446,7 +446,7 @@ class VideosConfig:
     planners: tuple[str, ...]
     action_spaces: tuple[ActionSpaceName, ...]
     num_scenes: Index
-    num_objects: Count
+    num_objects: tuple[Count, ...]
     fps: Count
     size_px: Count
 
@@ -474,8 +474,8 @@ def _check_learner(algorithm: str, action_space: str) -> None:
     needed = {"q_imitation": "discrete", "dqn": "discrete"}.get(algorithm, "continuous")
     if needed != action_space:
         raise _error(
-            f"learner.algorithm={algorithm} learns in the {needed} action space, but action_space={action_space}; leave "
-            f"the learner out to get the one that fits, or say action_space={needed}."
+            f"learner.algorithm={algorithm} learns in the {needed} action space, but action_space={action_space}; "
+            f"leave the learner out to get the one that fits, or say action_space={needed}."
         )
 
 

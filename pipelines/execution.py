@@ -43,7 +43,7 @@ def worker_count(executor: ExecutorConfig) -> int:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Let the networks compute on one thread within this block: tiny batches are faster so, and sums keep their order."""
+    """Let the networks compute on one thread within this block: tiny batches are faster, and sums keep their order."""
     import torch
 
     before = torch.get_num_threads()

@@ -30,8 +30,9 @@ _RUN_FILE = "mlflow_runs.json"
 _MAX_PARAM_LENGTH = 6000
 _BATCH = 100
 _DESCRIPTION = """\
-Runs of the pipelines. Every stage is a run; parts of a stage are its children. Charts start with `train/`, `validation/`,
-`collection/` and so on; select runs and press *Compare* to see them together. Videos and figures are among the artefacts.
+Runs of the pipelines. Every stage is a run; parts of a stage are its children. Charts are grouped by `train/`,
+`validation/`, `collection/` and so on; select runs and press *Compare* to see them together. Videos and figures are
+among the artefacts.
 """
 
 

@@ -2,8 +2,8 @@
 
 A stage works in a folder named by everything that its result depends on, and moves the finished artefact into place in
 one step. So a killed stage goes on where it was when it is started again with the same configuration, another
-configuration never meets its half-done work, and DVC, which deletes the outputs of a stage before it runs it, deletes no
-checkpoint.
+configuration never meets its half-done work, and DVC, which deletes the outputs of a stage before it runs it, deletes
+no checkpoint.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_json(path: str | os.PathLike[str], content: Any) -> None:
-    """Write ``content`` to ``path`` as indented JSON with sorted keys (the same bytes for the same content), atomically.
+    """Write ``content`` to ``path`` as indented JSON with sorted keys, atomically: the same bytes for the same content.
 
     Raises:
         ValueError: ``content`` holds NaN or an infinity, which JSON has no word for.

@@ -1,0 +1,76 @@
+# Targets of VisualRHP. Needs Python 3.11 or newer and make; everything else goes into .venv.
+PYTHON ?= python3
+VENV := .venv
+PORT ?= 5000
+
+export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
+# Nothing of the project tells anybody that it is used.
+export DVC_NO_ANALYTICS := true
+export MLFLOW_DISABLE_TELEMETRY := true
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# A stamp is written when an installation is complete; an unfinished one is gone on with by the next make.
+INSTALLED := $(VENV)/.installed
+INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
+
+.DEFAULT_GOAL := help
+.PHONY: help venv install repro test lint format ui bench clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-16s %s\n", $$1, $$2 }'
+
+venv: $(VENV)/.created ## make the virtual environment
+
+install: $(INSTALLED) ## install the pinned versions into it
+
+repro: $(INSTALLED) ## run the whole pipeline: demonstrations, learning, evaluation, report
+	@$(DVC_WITH_OR_WITHOUT_GIT)
+	dvc repro
+
+test: $(INSTALLED_FOR_TEST) ## lint, check types and run the tests
+	ruff check .
+	ruff format --check .
+	pyright
+	pytest -n auto tests
+
+lint: $(INSTALLED_FOR_TEST) ## lint and check types only
+	ruff check .
+	ruff format --check .
+	pyright
+
+format: $(INSTALLED_FOR_TEST) ## format the code
+	ruff format .
+	ruff check --fix .
+
+ui: $(INSTALLED) ## look at the runs in MLflow, on http://127.0.0.1:5000 (PORT=...)
+	mlflow ui --backend-store-uri "sqlite:///$(CURDIR)/outputs/mlflow.db" --host 127.0.0.1 --port $(PORT)
+
+bench: $(INSTALLED_FOR_TEST) ## measure speed
+	python -m tests.benchmarks
+
+clean: ## delete the virtual environment and caches; outputs stay
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis *.egg-info
+
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "VisualRHP needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>&1 | head -n 1). Try: make $(MAKECMDGOALS) PYTHON=python3.11" >&2; \
+	  exit 1; }
+	@$(VENV)/bin/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+$(INSTALLED): $(VENV)/.created pyproject.toml constraints.txt
+	python -m pip install --quiet --constraint constraints.txt --editable .
+	@touch $@
+
+$(INSTALLED_FOR_TEST): $(VENV)/.created pyproject.toml constraints.txt
+	python -m pip install --quiet --constraint constraints.txt --editable ".[test]"
+	@touch $(INSTALLED) $@
+
+# DVC wants to be told when the project is not a git checkout (an unpacked archive).
+define DVC_WITH_OR_WITHOUT_GIT
+if [ -e .git ]; then \
+  ! grep -qs no_scm .dvc/config.local || dvc config --quiet --local --unset core.no_scm; \
+else \
+  dvc config --quiet --local core.no_scm true; \
+fi
+endef
