@@ -1,10 +1,10 @@
 """Generate demonstrations: kinodynamic RRT on random task instances (Sec. 6.1). ``python -m pipelines.generate_demos``.
 
-Task instances are attempted in blocks of consecutive indices, in parallel; finished blocks are kept in the work folder,
-so that a killed run loses at most the blocks in flight. The set consists of the first ``demonstrations.count`` solved
-instances by index; an instance without a plan is recorded as a failure and replaced by the next index. So the set depends
-on the configuration and the seed alone. It is published with a metrics file (counts, nothing that depends on the speed of
-the machine), a table of lengths, a contact sheet and a video.
+Task instances are attempted in blocks of consecutive indices, in parallel; finished blocks are kept in the work
+folder, so that a killed run loses at most the blocks in flight. The set consists of the first ``demonstrations.count``
+solved instances by index; an instance without a plan is recorded as a failure and replaced by the next index. So the
+set depends on the configuration and the seed alone. It is published with a metrics file (counts, nothing that depends
+on the speed of the machine), a table of lengths, a contact sheet and a video.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _NUM_TRIALS = 200
 """Attempts before a planner that solves next to nothing is given up."""
 
 _SHEET_ROWS, _SHEET_COLUMNS, _SHEET_SIZE_PX = 8, 8, 160
-_VIDEO_EPISODES, _VIDEO_SIZE_PX, _VIDEO_FPS = 6, 384, 18.0
+_VIDEO_EPISODES, _VIDEO_SIZE_PX, _VIDEO_FPS = 4, 320, 12.0
 
 
 @app(STAGE, GenerateDemosConfig)
@@ -240,7 +240,7 @@ class _Statistics:
         return "\n".join(["num_objects,actions,demonstrations", *rows]) + "\n"
 
 
-# ---------------------------------------------------------------------------------------------------------------- pictures
+# ------------------------------------------------------------------------------------------------------------ pictures
 def _write_pictures(folder: Path, demonstrations: DemonstrationSet, lengths: Any) -> None:
     import cv2
 
@@ -277,9 +277,14 @@ def _video_frames(demonstrations: DemonstrationSet) -> Iterator[Frame]:
     from visualrhp.rendering.frames import episode_frames
 
     for task, episode in itertools.islice(demonstrations, _VIDEO_EPISODES):
-        title = f"K.RRT, {demonstrations.action_space}"
         yield from episode_frames(
-            task.scene, episode.states, title=title, outcome="success", size_px=_VIDEO_SIZE_PX, show_observation=True
+            task.scene,
+            episode.states,
+            title=f"K.RRT, {demonstrations.action_space}",
+            outcome="success",
+            size_px=_VIDEO_SIZE_PX,
+            frames_per_action=4,
+            hold=8,
         )
 
 
@@ -291,7 +296,9 @@ def _length_histogram(lengths: Sequence[int], action_space: str) -> Any:
     axes.hist(lengths, bins=range(max(lengths) + 2), align="left", color="#0072b2", rwidth=0.9)
     axes.set_xlabel("Actions of a demonstration")
     axes.set_ylabel("Demonstrations")
-    axes.set_title(f"{len(lengths)} demonstrations, {action_space}: {sum(lengths) / len(lengths):.1f} actions on average")
+    axes.set_title(
+        f"{len(lengths)} demonstrations, {action_space}: {sum(lengths) / len(lengths):.1f} actions on average"
+    )
     axes.spines[["top", "right"]].set_visible(False)
     return figure
 

@@ -45,7 +45,7 @@ def test_the_same_generator_gives_the_same_plan(action_space: ActionSpaceName) -
     assert first.episode is not None and second.episode is not None
     assert (first.num_simulated, first.num_nodes) == (second.num_simulated, second.num_nodes)
     assert first.episode.states == second.episode.states
-    assert np.array_equal(first.episode.actions, second.episode.actions)
+    assert np.array(first.episode.actions).tobytes() == np.array(second.episode.actions).tobytes()
 
 
 @pytest.mark.parametrize("action_space", ACTION_SPACES)

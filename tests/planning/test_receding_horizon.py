@@ -13,7 +13,7 @@ from visualrhp.errors import ConfigError
 from visualrhp.heuristics.heuristic import Guidance, Heuristic
 from visualrhp.planning import Greedy, RecedingHorizon
 from visualrhp.scene import Scene
-from visualrhp.types import Action, State
+from visualrhp.types import Action, ActionSpaceName, State
 
 RIGHT, LEFT, STAY, BREAK = 0, 1, 2, 7
 GAMMA = 0.5
@@ -44,16 +44,14 @@ class ScriptedGuidance(Guidance):
 
 
 class ScriptedHeuristic(Heuristic):
-    """v(cell) from a table. ``script``: actions in the order of drawing: all roll-outs' first, then all second ones..."""
+    """v(cell) from a table. ``script``: actions in the order of drawing: the first of all roll-outs, then the second."""
+
+    action_space: ActionSpaceName = "discrete"
 
     def __init__(self, values: dict[int, float], script: Sequence[Action] | None = None) -> None:
         self._values = values
         self._script = None if script is None else list(script)
         self.calls: list[list[int]] = []
-
-    @property
-    def action_space(self) -> Any:
-        return "discrete"
 
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
         assert len(scenes) == len(states)

@@ -26,7 +26,7 @@ array              dtype       shape               content
 
 The task instances of a set are those with the indices 0, 1, 2, ... up to the one that completes the wanted number of
 demonstrations. An instance that the planner failed on is kept as a failure and thereby replaced by the next index, so
-that the content of a set depends on (configuration, seed) alone: not on the number of workers, and not on interruptions.
+that the content of a set depends on (configuration, seed) alone: neither on the number of workers nor on interruptions.
 """
 
 from __future__ import annotations
@@ -120,9 +120,7 @@ def generate_block(
     Returns:
         The packed attempts (see :func:`pack`), and ``search_time_s`` [D], which is not part of a stored set.
     """
-    attempts = [
-        generate_demonstration(distribution, action_space, planner, seed, index, physics) for index in indices
-    ]
+    attempts = [generate_demonstration(distribution, action_space, planner, seed, index, physics) for index in indices]
     times = np.array([attempt.search_time_s for attempt in attempts])
     return {**pack(attempts, action_space), "search_time_s": times}
 
@@ -136,7 +134,7 @@ def monte_carlo_returns(rewards: npt.ArrayLike, discount: float = DISCOUNT) -> F
 
 
 def replays_exactly(task: TaskInstance, episode: Episode, model: TransitionModel) -> bool:
-    """Whether simulating the actions from the first state gives every stored state and reward to the bit, and the goal."""
+    """Whether the actions, simulated from the first state, give all states and rewards to the bit, and the goal."""
     state = task.state
     if state != episode.states[0]:
         return False
@@ -287,7 +285,7 @@ def read_arrays(path: Path) -> Arrays:
         DataError: the file is missing or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FileNotFoundError:
         raise DataError(f"{path} is missing; it should be a shard of demonstrations.") from None
@@ -352,7 +350,10 @@ class DemonstrationWriter:
             arrays = _tail(arrays, taken)
 
     def finish(self, **provenance: Any) -> dict[str, Any]:
-        """Write what is pending and the card; ``provenance`` (config, seed, commit) goes into the card, which is returned.
+        """Write what is pending and the card, and return the card.
+
+        Args:
+            provenance: further entries of the card (config, seed, commit).
 
         Raises:
             DataError: the wanted number of demonstrations is not complete.
@@ -459,8 +460,8 @@ class DemonstrationSet:
             )
         if action_space is not None and card["action_space"] != action_space:
             raise DataError(
-                f"{path} belongs to demonstrations in the {card['action_space']} action space; the {action_space} action "
-                "space needs its own."
+                f"{path} belongs to demonstrations in the {card['action_space']} action space; the {action_space} "
+                "action space needs its own."
             )
         for shard in card["shards"]:
             _verify_shard(folder / shard["file"], shard)

@@ -1,7 +1,7 @@
 """Kinodynamic RRT over statically stable states (Sec. 6.1; King et al., the paper's [18]), run open loop (Sec. 7.5).
 
-The tree grows through the physics: a state at rest is expanded by simulating actions in it, so every edge is a motion that
-the simulator confirms and every path from the root is a plan.
+The tree grows through the physics: a state at rest is expanded by simulating actions in it, so every edge is a motion
+that the simulator confirms and every path from the root is a plan.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class KinodynamicRRT(Planner):
     """Kinodynamic RRT in either action space.
 
     Until a goal state is simulated: draw a sample, find the node nearest to it, simulate up to ``num_children`` actions
-    there (all 8 in the discrete space, each once), test every child for the goal, drop the invalid ones and add the rest
-    to the tree. A node at the depth of the action limit is not added, so a plan is always shorter than 50 actions.
+    there (all 8 in the discrete space, each once), test every child for the goal, discard the invalid ones and add the
+    others to the tree. A node at the depth of the action limit is not added, so a plan is always shorter than 50 actions.
 
-    Samples are of two kinds. An *exploring* sample is a uniform arrangement of robot and objects. A *pushing* sample
-    (with probability ``goal_bias`` + ``robot_bias``) puts the desired object into the target region and the robot at the
-    desired object, on the side away from the target region and facing it; it is relative to the arrangement of each node.
-    With ``robot_bias`` only the robot's place matters, which may then be anywhere around the object.
+    Samples are of three kinds. With probability ``goal_bias``, a *pushing* sample: the desired object in the target
+    region, the robot at the object, on the side away from the target region and facing it, relative to the arrangement
+    of each node; the obstacles where they were at the start. With probability ``robot_bias``, only the robot's place
+    matters, which is then on any side of the object. Otherwise an *exploring* sample: robot and objects anywhere.
 
     The distance of a node to a sample is Euclidean over all bodies, weighted as below, angles wrapped, plus
     ``depth_weight`` per action from the root, which favours short plans.
@@ -57,7 +57,7 @@ class KinodynamicRRT(Planner):
         num_children: k, simulated actions per expansion (Sec. 7.5); in the continuous space only.
         num_directed: how many of them head for the sampled robot pose, with noise; the others are uniform.
         direction_noise: standard deviation of that noise in units of the action range.
-        gripper_persistence: probability that a child keeps the commanded gripper state of its parent (continuous space).
+        gripper_persistence: probability that a child keeps the commanded gripper state; in the continuous space only.
         goal_bias: probability of a pushing sample with the desired object in the target region.
         robot_bias: probability of a sample that only asks for the robot to be near the desired object.
         standoff: largest distance of a pushing robot's frame from the centre of the desired object [m].
@@ -202,7 +202,7 @@ class _ExploringSample:
 
 
 _TARGET_SHARE = 0.5
-"""The desired object is sampled in this inner share of the target region's radius, so that it does not just graze it."""
+"""The desired object is sampled within this share of the target region's radius, so that it does not just graze it."""
 
 _SIDE_DEVIATION = 0.3
 """Standard deviation of the direction in which a pushing robot stands at the object, from straight behind [rad]."""
