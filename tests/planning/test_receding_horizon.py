@@ -44,7 +44,7 @@ class ScriptedGuidance(Guidance):
 
 
 class ScriptedHeuristic(Heuristic):
-    """v(cell) from a table. ``script``: actions in the order of drawing: the first of all roll-outs, then the second."""
+    """v(cell) from a table. ``script``: actions in the order of drawing: the first of all roll-outs first."""
 
     action_space: ActionSpaceName = "discrete"
 

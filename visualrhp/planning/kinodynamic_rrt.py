@@ -1,4 +1,4 @@
-"""Kinodynamic RRT over statically stable states (Sec. 6.1; King et al., the paper's [18]), run open loop (Sec. 7.5).
+"""Kinodynamic RRT over statically stable states (Sec. 6.1, after Haustein et al., 2015), run open loop (Sec. 7.5).
 
 The tree grows through the physics: a state at rest is expanded by simulating actions in it, so every edge is a motion
 that the simulator confirms and every path from the root is a plan.
@@ -43,7 +43,7 @@ class KinodynamicRRT(Planner):
 
     Until a goal state is simulated: draw a sample, find the node nearest to it, simulate up to ``num_children`` actions
     there (all 8 in the discrete space, each once), test every child for the goal, discard the invalid ones and add the
-    others to the tree. A node at the depth of the action limit is not added, so a plan is always shorter than 50 actions.
+    others to the tree. A node at the depth of the action limit is not added, so a plan always has under 50 actions.
 
     Samples are of three kinds. With probability ``goal_bias``, a *pushing* sample: the desired object in the target
     region, the robot at the object, on the side away from the target region and facing it, relative to the arrangement
