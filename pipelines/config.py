@@ -272,6 +272,7 @@ class ActorCriticImitationConfig:
         likelihood_coefficient: Upsilon.
         value_coefficient: c1.
         entropy_coefficient: c2.
+        return_unit: unit of the returns in the value's squared error.
     """
 
     algorithm: Literal["actor_critic_imitation"]
@@ -279,6 +280,7 @@ class ActorCriticImitationConfig:
     likelihood_coefficient: Positive
     value_coefficient: Positive
     entropy_coefficient: NonNegative
+    return_unit: Positive
     l2_regularization: NonNegative
     batch_size: Count
     epochs: Count
