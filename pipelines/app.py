@@ -111,7 +111,7 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     failures: list[VisualRHPError] = []
 
     def run(config: DictConfig) -> None:
-        """Hydra's task function; a failure of a single run is kept and not raised, lest Hydra reports it its own way."""
+        """Hydra's task function; a failure of a single run is kept, not raised, lest Hydra reports it its own way."""
         is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
         try:
             typed = to_typed(config, schema)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from pipelines.config import ExecutorConfig
 
@@ -27,7 +27,8 @@ def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executo
         from joblib import Parallel, delayed
 
         parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
-        yield from parallel(delayed(function)(item) for item in items)
+        results = parallel(delayed(function)(item) for item in items)
+        yield from cast("Iterator[Result]", results)
 
 
 def worker_count(executor: ExecutorConfig) -> int:
