@@ -1,0 +1,105 @@
+"""Task instances: functions of (seed, split, index), collision free, with the distributions that Sec. 7 describes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from visualrhp.errors import ConfigError
+from visualrhp.scene import SceneDistribution, Split, generator_for, geometry, sample_task_instance
+from visualrhp.scene.sampling import SIZE_CLASSES
+from visualrhp.types import ObjectSize
+
+
+@pytest.mark.parametrize("size", list(SIZE_CLASSES))
+def test_start_is_free_of_contact_and_unsolved(size: ObjectSize) -> None:
+    distribution = SceneDistribution(object_size=size, num_objects=(1, 7))
+    for index in range(25):
+        instance = sample_task_instance(distribution, 1, Split.TUNING, index)
+        scene, state = instance.scene, instance.state
+        bodies = [
+            shapely.Polygon(geometry.to_world(shape.outline, pose))
+            for shape, pose in zip(scene.objects, state.object_poses, strict=True)
+        ]
+        assert all(shapely.Polygon(scene.edges).contains(body) for body in bodies)
+        bodies.append(shapely.union_all([shapely.Polygon(o) for o in scene.gripper.outlines(state.robot_pose, 0.085)]))
+        gaps = [a.distance(b) for i, a in enumerate(bodies) for b in bodies[:i]]
+        assert min(gaps, default=1.0) >= distribution.clearance
+        assert np.hypot(*(state.object_poses[0, :2] - scene.target.position)) > scene.target.radius
+        assert geometry.contains(scene.edges, *state.robot_pose[:2])
+        assert not state.gripper_closed
+
+
+def test_an_instance_depends_on_seed_split_and_index_alone() -> None:
+    distribution = SceneDistribution()
+    instance = sample_task_instance(distribution, 5, Split.EVALUATION, 7)
+    sample_task_instance(distribution, 5, Split.EVALUATION, 8)
+    again = sample_task_instance(distribution, 5, Split.EVALUATION, 7)
+    assert again.state == instance.state
+    assert again.scene == instance.scene
+    others = [
+        sample_task_instance(distribution, 6, Split.EVALUATION, 7),
+        sample_task_instance(distribution, 5, Split.VALIDATION, 7),
+        sample_task_instance(distribution, 5, Split.EVALUATION, 8),
+    ]
+    assert all(other.state != instance.state for other in others)
+
+
+def test_streams_of_one_index_are_independent() -> None:
+    streams = [generator_for(0, Split.TUNING, 3), *(generator_for(0, Split.TUNING, 3, purpose) for purpose in (1, 2))]
+    assert len({stream.integers(2**63) for stream in streams}) == 3
+
+
+def test_density_is_uniform_over_its_range() -> None:
+    distribution = SceneDistribution(num_objects=(1, 4), object_size="small")
+    counts = np.bincount(
+        [sample_task_instance(distribution, 0, Split.TUNING, i).scene.num_objects for i in range(400)], minlength=5
+    )
+    assert counts[0] == 0
+    assert counts[1:] == pytest.approx(100, abs=40)
+
+
+def widths(outline: np.ndarray) -> np.ndarray:
+    """Width of a polygon in each of 180 directions."""
+    angles = np.radians(np.arange(180))
+    extents = outline @ np.stack([np.cos(angles), np.sin(angles)])
+    return extents.max(axis=0) - extents.min(axis=0)
+
+
+def test_the_pool_holds_each_kind_of_graspability() -> None:
+    """Sec. 7: graspable from any direction, from some directions, and too large, a good share of each."""
+    kinds = []
+    for index in range(100):
+        scene = sample_task_instance(SceneDistribution(), 0, Split.TUNING, index).scene
+        for shape in scene.objects:
+            fits = widths(shape.outline) < 0.98 * scene.gripper.stroke
+            kinds.append("always" if fits.all() else "sometimes" if fits.any() else "never")
+    shares = {kind: kinds.count(kind) / len(kinds) for kind in ("always", "sometimes", "never")}
+    assert min(shares.values()) > 0.15, shares
+
+
+def test_average_size_grows_with_the_size_class() -> None:
+    def mean_area(size: ObjectSize) -> float:
+        distribution = SceneDistribution(object_size=size)
+        scenes = [sample_task_instance(distribution, 0, Split.TUNING, i).scene for i in range(60)]
+        return float(np.mean([shape.area for scene in scenes for shape in scene.objects]))
+
+    assert mean_area("small") < 0.6 * mean_area("mixed") < 0.6 * mean_area("large")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "key"),
+    [
+        ({"num_objects": (0, 3)}, "num_objects"),
+        ({"num_objects": (-1, -1)}, "num_objects"),
+        ({"num_objects": (5, 2)}, "num_objects"),
+        ({"object_size": "huge"}, "object_size"),
+        ({"density": -1.0}, "density"),
+        ({"num_vertices": (2, 4)}, "num_vertices"),
+        ({"clearance": -0.1}, "clearance"),
+    ],
+)
+def test_bad_parameters_are_named(parameters: dict, key: str) -> None:
+    with pytest.raises(ConfigError, match=key):
+        SceneDistribution(**parameters)

@@ -1,0 +1,67 @@
+"""Shapes and scenes: physical parameters by hand, and errors for what cannot be simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visualrhp.errors import SceneError
+from visualrhp.scene import ObjectShape, Scene, TargetRegion, TaskInstance
+from visualrhp.types import State
+
+BOX = [[-0.02, -0.01], [0.02, -0.01], [0.02, 0.01], [-0.02, 0.01]]
+
+
+def test_box_by_hand() -> None:
+    box = ObjectShape(BOX, density=2.0, friction=0.4)
+    assert box.area == pytest.approx(8e-4)
+    assert box.mass == pytest.approx(1.6e-3)
+    assert box.moment_of_inertia == pytest.approx(1.6e-3 * (0.04**2 + 0.02**2) / 12.0)
+
+
+def test_centred_moves_the_centre_of_mass_to_the_origin() -> None:
+    assert ObjectShape.centred(np.array(BOX) + (5.0, -3.0)).outline == pytest.approx(np.array(BOX))
+
+
+@pytest.mark.parametrize(
+    ("outline", "message"),
+    [
+        ([[0, 0], [1, 0]], "at least three vertices"),
+        ([[0, 0], [1, 0], [np.nan, 1]], "not finite"),
+        ([[-1, -1], [1, 1], [1, -1], [-1, 1]], "crosses or touches itself"),
+        (BOX[::-1], "counter-clockwise"),
+        ([[-0.02, 0], [0.02, -1e-5], [0.02, 1e-5]], "signed area"),
+        ([[0, 0], [0.04, 0], [0.04, 0.04], [0.02, 0.01], [0, 0.04]], "not convex"),
+        (np.array(BOX) + 0.01, "centre of mass"),
+    ],
+)
+def test_outlines_that_cannot_be_simulated(outline: object, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        ObjectShape(outline)
+
+
+@pytest.mark.parametrize("parameter", ["density", "friction"])
+def test_parameters_must_be_positive(parameter: str) -> None:
+    with pytest.raises(SceneError, match=parameter):
+        ObjectShape(BOX, **{parameter: 0.0})
+
+
+def test_scene_errors() -> None:
+    with pytest.raises(SceneError, match="no objects"):
+        Scene(TargetRegion([0.0, 0.0]), ())
+    with pytest.raises(SceneError, match="not within the edges"):
+        Scene(TargetRegion([0.3, 0.0]), (ObjectShape(BOX),))
+    with pytest.raises(SceneError, match="radius"):
+        TargetRegion([0.0, 0.0], 0.0)
+
+
+def test_instance_needs_a_pose_for_every_object() -> None:
+    scene = Scene(TargetRegion([0.0, 0.0]), (ObjectShape(BOX),))
+    with pytest.raises(SceneError, match="2 objects and the scene 1"):
+        TaskInstance(scene, State.create([0, 0, 0], 0.085, False, np.zeros((2, 3))))
+
+
+def test_arrays_are_read_only() -> None:
+    shape = ObjectShape(BOX)
+    with pytest.raises(ValueError, match="read-only"):
+        shape.outline[0, 0] = 1.0
