@@ -21,10 +21,12 @@ FORWARD = np.array([0.5, 0.0, 0.0, -1.0])
 class Scripted(Planner):
     """Answers with the same decision always."""
 
-    name = "Scripted"
-
     def __init__(self, decision):
         self.decision = decision
+
+    @property
+    def name(self):
+        return "Scripted"
 
     def start(self, model, rng):
         return lambda state: self.decision
@@ -33,7 +35,9 @@ class Scripted(Planner):
 class RandomPlanner(Planner):
     """Acts at random, so that its episodes show which generator it was given."""
 
-    name = "Random"
+    @property
+    def name(self):
+        return "Random"
 
     def start(self, model, rng):
         return lambda state: Decision(rng.uniform(-1.0, 1.0, 4))
@@ -84,6 +88,18 @@ def test_a_planner_that_gives_up_has_not_completed_the_task():
     result = run(Scripted(Decision(None)), model, state, keep_states=True)
     assert (result.outcome, result.num_actions, result.states) == ("no plan", MAX_EPISODE_ACTIONS, (state,))
     assert not result.success
+
+
+def test_a_plan_that_ends_early_has_failed():
+    model, state = pushing_task(target_x=0.1)
+
+    class OneAction(Scripted):
+        def start(self, model, rng):
+            plan = iter([self.decision])
+            return lambda state: next(plan, Decision(None))
+
+    result = run(OneAction(Decision(np.zeros(4))), model, state)
+    assert (result.outcome, result.num_actions, result.success) == ("plan failed", 1, False)
 
 
 def test_a_world_that_diverges_ends_the_episode():

@@ -147,7 +147,7 @@ def test_sweep_and_stability_average_batches_and_trials():
     )
     lines = figures.learning_stability(trials).axes[0].lines
     assert [line.get_label() for line in lines] == ["C3PO", "PPO"]
-    np.testing.assert_allclose([line.get_ydata() for line in lines], [[0.6, 0.8], [0.5, 0.2]])
+    np.testing.assert_allclose([np.asarray(line.get_ydata()) for line in lines], [[0.6, 0.8], [0.5, 0.2]])
 
 
 def test_training_curves_have_a_panel_per_column_that_exists():

@@ -29,9 +29,10 @@ class EpisodeResult:
 
     Attributes:
         outcome: "success" (the desired object reached the target region in under 50 actions and nothing was dropped),
-            "dropped", "out of actions", "no plan" (the planner gave up), "diverged" (the physics of the world failed).
+            "dropped", "out of actions", "no plan" (the planner gave up at once), "plan failed" (an open-loop plan ended
+            without success) or "diverged" (the physics of the world failed).
         num_objects: m of the scene.
-        num_actions: actions executed; an unsuccessful task without a plan counts the full limit, 49.
+        num_actions: actions executed; without a plan, the full limit, 49.
         discounted_return: G_0 of Sec. 4 over the actions executed.
         decision_time_s: time the planner took to choose all actions of the task, wall clock [s].
         simulation_time_s: time to roll the physics of the executed actions, wall clock [s].
@@ -100,7 +101,7 @@ def run_episode(
         decision_time += decided - started
         num_invalid += decision.num_invalid
         if decision.action is None:
-            outcome, num_actions = "no plan", MAX_EPISODE_ACTIONS
+            outcome, num_actions = ("plan failed", num_actions) if num_actions else ("no plan", MAX_EPISODE_ACTIONS)
             break
         try:
             transition = world.simulate(state, decision.action)

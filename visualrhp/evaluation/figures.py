@@ -321,7 +321,7 @@ def training_curves(histories: Mapping[str, pd.DataFrame], x: str, columns: Sequ
                     ms=3.5,
                 )
                 drawn.setdefault(name, line)
-            axes.set_title(column.replace("_", " "))
+            axes.set_title(column.replace("_", " ").replace("/", ": "), fontsize=9.5)
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             axes.yaxis.set_major_locator(MaxNLocator(4))
         for axes in grid[-1]:

@@ -19,7 +19,7 @@ from visualrhp.rendering.video import Frame
 from visualrhp.scene import Scene, geometry
 from visualrhp.types import FloatArray, State, wrap_angle
 
-Outcome = Literal["success", "dropped", "out of actions", "no plan", "diverged"]
+Outcome = Literal["success", "dropped", "out of actions", "no plan", "plan failed", "diverged"]
 
 Colour = tuple[int, int, int]
 
@@ -40,6 +40,7 @@ OUTCOME_COLOURS: dict[Outcome, Colour] = {
     "dropped": (196, 52, 48),
     "out of actions": (176, 112, 8),
     "no plan": (176, 112, 8),
+    "plan failed": (176, 112, 8),
     "diverged": (112, 60, 140),
 }
 
