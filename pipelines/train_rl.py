@@ -1,8 +1,8 @@
 """Improve the heuristic by reinforcement learning (Sec. 6.3): ``python -m pipelines.train_rl``.
 
 Starts from the networks of ``train_il``: DQN with eps-RHP in the discrete action space (its replay buffer starts with
-the demonstrations), C3PO on PPO in the continuous one. The image representation has one network; the Cartesian one has a
-network for each number of objects, trained in parallel and tracked as child runs.
+the demonstrations), C3PO on PPO in the continuous one. The image representation has one network; the Cartesian one has
+a network for each number of objects, trained in parallel and tracked as child runs.
 
 What is published as ``heuristic*.safetensors`` is the network with the best success rate of the greedy policy on
 validation tasks after any iteration, the initial network included; ``last*.safetensors`` is the network after the last
@@ -18,13 +18,24 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.app import app
 from pipelines.config import DQNLearnerConfig, TrainRLConfig
-from pipelines.training import Part, Training, demonstrations_of, greedy_validation, parts_of, scene_distribution
+from pipelines.training import (
+    Part,
+    Training,
+    demonstrations_of,
+    greedy_validation,
+    observation_function,
+    parts_of,
+    scene_distribution,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from torch import nn
 
+    from visualrhp.environments.task import ObservationFunction
+    from visualrhp.heuristics.networks import ActorCritic, QNetwork
+    from visualrhp.learning.demonstrations import DemonstrationSet
     from visualrhp.learning.reinforcement import Metrics, ReinforcementLearner
 
 STAGE = "train_rl"
@@ -40,10 +51,10 @@ _CURVES = (
     "collection/success_rate",
     "collection/return",
     "value/td_rmse",
+    "q/loss",
+    "baseline/kl",
     "policy/entropy",
     "policy/kl",
-    "baseline/kl",
-    "q/loss",
 )
 
 
@@ -52,15 +63,14 @@ def main(config: TrainRLConfig) -> None:
     from pipelines.tracking import open_run
     from pipelines.work import discard, publish, work_folder
 
-    parts = parts_of(config)
-    work = work_folder(config, STAGE, _input_hashes(config, parts))
+    work = work_folder(config, STAGE, _input_hashes(config))
     with open_run(config, STAGE, f"reinforcement {config.action_space.name} {config.representation.name}", work) as run:
         folder = TRAINING.run(config, config.learner.iterations, work, run)
         publish(folder, config.paths.artefact)
     discard(work)
 
 
-def make_learner(config: TrainRLConfig, part: Part, replay_folder: Path | None = None) -> ReinforcementLearner:
+def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
     """The training of one network, ready to run or to be resumed.
 
     Raises:
@@ -69,25 +79,19 @@ def make_learner(config: TrainRLConfig, part: Part, replay_folder: Path | None =
         DataError: the demonstrations are missing or damaged.
     """
     from visualrhp.environments.batched import BatchedClutterEnv
-    from visualrhp.heuristics.checkpoint import load_network
     from visualrhp.heuristics.learned import LearnedHeuristic
     from visualrhp.simulation import Physics
 
-    distribution = scene_distribution(config, part)
-    physics = Physics(**asdict(config.physics))
-    network, _ = load_network(_start_path(config, part), config.action_space.name)
-    network.to(config.device)
-    _check_representation(config, part, network.observation)
     learner = config.learner
+    network = _load_start(config, part).to(config.device)
     env = BatchedClutterEnv(
-        distribution,
+        scene_distribution(config, part),
         config.action_space.name,
         config.representation.name,
         learner.num_envs,
         seed=config.seed,
-        physics=physics,
+        physics=Physics(**asdict(config.physics)),
     )
-
     validate = greedy_validation(config, part)
 
     def evaluate(candidate: nn.Module) -> Mapping[str, float]:
@@ -103,7 +107,6 @@ def make_learner(config: TrainRLConfig, part: Part, replay_folder: Path | None =
     for name in ("algorithm", "iterations", "num_envs"):
         del parameters[name]
     if isinstance(learner, DQNLearnerConfig):
-        from visualrhp.learning.demonstrations import DemonstrationSet
         from visualrhp.learning.dqn import DQN, DQNConfig
         from visualrhp.planning import RecedingHorizon
 
@@ -111,22 +114,15 @@ def make_learner(config: TrainRLConfig, part: Part, replay_folder: Path | None =
             del parameters[name]
         heuristic = LearnedHeuristic(network, learner.temperature)
         planner = RecedingHorizon(heuristic, learner.num_rollouts, learner.horizon, learner.discount)
-        demonstrations = demonstrations_of(
-            DemonstrationSet.open(config.demonstrations, config.action_space.name), part
-        )
-        return DQN(
-            network, env, planner, DQNConfig(**parameters), demonstrations, replay_folder=replay_folder, **common
-        )
+        demonstrations = demonstrations_of(_open_demonstrations(config), part)
+        return DQN(network, env, planner, DQNConfig(**parameters), demonstrations, **common)
     from visualrhp.learning.c3po import C3PO, C3POConfig
 
     return C3PO(network, env, C3POConfig(**parameters), **common)
 
 
 def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metrics]:
-    """Train one network in ``folder``, going on from what is there; yields a row of metrics an iteration.
-
-    Leaves ``state.safetensors``, ``heuristic.safetensors`` (the best) and ``last.safetensors``.
-    """
+    """Train one network in ``folder``, going on from what is there; yields a row of metrics an iteration."""
     import time
 
     from pipelines.work import card
@@ -144,11 +140,16 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
             saved = time.monotonic()
         yield row
     metrics = summary(learner.history, learner.best_iteration)
-    about = card(config, STAGE, part=part.name, iteration=learner.best_iteration, metrics=metrics)
-    best = learner.best_network if config.validation.num_instances else learner.network
-    save_heuristic(folder / "heuristic.safetensors", best, about)  # pyright: ignore[reportArgumentType]
-    about["iteration"] = learner.iteration
-    save_heuristic(folder / "last.safetensors", learner.network, about)  # pyright: ignore[reportArgumentType]
+    is_validated = config.validation.num_instances > 0
+    published = {
+        "heuristic": (learner.best_network, learner.best_iteration),
+        "last": (learner.network, learner.iteration),
+    }
+    if not is_validated:  # nobody knows which one is best
+        published["heuristic"] = published["last"]
+    for stem, (network, iteration) in published.items():
+        about = card(config, STAGE, part=part.name, iteration=iteration, metrics=metrics, inputs=_input_hashes(config))
+        save_heuristic(folder / f"{stem}.safetensors", network, about)  # pyright: ignore[reportArgumentType]
     write_json(folder / "history.json", learner.history)
     write_json(folder / "metrics.json", metrics)
 
@@ -167,41 +168,48 @@ def summary(history: list[Metrics], best_iteration: int) -> dict[str, Any]:
     return metrics
 
 
-# --------------------------------------------------------------------------------------------------------------- inputs
+# ------------------------------------------------------------------------------------------------------------- inputs
 def _start_path(config: TrainRLConfig, part: Part) -> Path:
     return Path(config.heuristic) / f"heuristic{part.suffix}.safetensors"
 
 
-def _input_hashes(config: TrainRLConfig, parts: list[Part]) -> dict[str, str]:
+def _load_start(config: TrainRLConfig, part: Part) -> QNetwork | ActorCritic:
+    """The network to start from."""
+    from visualrhp.errors import CheckpointError
+    from visualrhp.heuristics.checkpoint import load_network
+
+    path = _start_path(config, part)
+    network, _ = load_network(path, config.action_space.name)
+    expected = observation_function(config, part)
+    if network.observation != expected:
+        raise CheckpointError(
+            f"{path} reads {_words(network.observation)}, but representation={config.representation.name} asks for "
+            f"{_words(expected)}; give the folder of networks made for them as heuristic=<folder>"
+        )
+    return network
+
+
+def _words(observation: ObservationFunction) -> str:
+    return f"{observation.name} observations of {observation.num_objects or 'any number of'} objects"
+
+
+def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
+    from visualrhp.learning.demonstrations import DemonstrationSet
+
+    return DemonstrationSet.open(config.demonstrations, config.action_space.name)
+
+
+def _input_hashes(config: TrainRLConfig) -> dict[str, str]:
     """Hashes of what the training starts from; whatever is missing or damaged is found here, before any work."""
     import hashlib
 
-    from visualrhp.heuristics.checkpoint import load_network
-
     hashes = {}
-    for part in parts:
-        path = _start_path(config, part)
-        network, _ = load_network(path, config.action_space.name)
-        _check_representation(config, part, network.observation)
-        hashes[part.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    for part in parts_of(config):
+        _load_start(config, part)
+        hashes[part.name] = hashlib.sha256(_start_path(config, part).read_bytes()).hexdigest()
     if isinstance(config.learner, DQNLearnerConfig):
-        from visualrhp.learning.demonstrations import DemonstrationSet
-
-        demonstrations = DemonstrationSet.open(config.demonstrations, config.action_space.name)
-        hashes["demonstrations"] = str(demonstrations.card["content_hash"])
+        hashes["demonstrations"] = str(_open_demonstrations(config).card["content_hash"])
     return hashes
-
-
-def _check_representation(config: TrainRLConfig, part: Part, observation: Any) -> None:
-    from visualrhp.errors import CheckpointError
-
-    expected = part.num_objects[0] if config.representation.name == "cartesian" else None
-    if (observation.name, observation.num_objects) != (config.representation.name, expected):
-        raise CheckpointError(
-            f"{_start_path(config, part)} reads {observation.name} observations of "
-            f"{observation.num_objects or 'any number of'} objects, but {config.representation.name} observations of "
-            f"{expected or 'any number of'} objects are asked for; give the folder of a network made for them"
-        )
 
 
 TRAINING = Training(STAGE, "Reinforcement", "iteration", _CURVES, train_part)

@@ -27,7 +27,8 @@ Metrics = dict[str, float]
 NUM_THREADS = 1
 """Threads of torch in a training: the order of its sums, and with it the last bits of a result, depends on them."""
 
-_VIDEO_SCENES, _VIDEO_SIZE_PX, _VIDEO_FPS = 3, 384, 18.0
+_VIDEO_SCENES, _VIDEO_SIZE_PX, _VIDEO_FPS, _FRAMES_PER_ACTION = 2, 256, 9.0, 3
+"""Drawing takes time: these are for a glance, the report has the good ones."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +242,8 @@ def _write_video(config: TrainILConfig | TrainRLConfig, part: Part, folder: Path
                 title=f"Greedy, {config.action_space.name}",
                 outcome=episode.outcome,
                 size_px=_VIDEO_SIZE_PX,
+                frames_per_action=_FRAMES_PER_ACTION,
+                hold=round(_VIDEO_FPS),
                 show_observation=True,
             )
 

@@ -52,7 +52,7 @@ class ObservationFunction:
     def for_distribution(cls, name: ObservationName, distribution: SceneDistribution) -> ObservationFunction:
         """The observation of scenes drawn from ``distribution``."""
         fewest, most = distribution.num_objects
-        return cls(name, fewest if fewest == most else None)
+        return cls(name, fewest if name == "cartesian" and fewest == most else None)
 
     @property
     def shape(self) -> tuple[int, ...]:
