@@ -350,6 +350,19 @@ class ValidationConfig:
 
 # ----------------------------------------------------------------------------------------------------------- pipelines
 @dataclass(frozen=True)
+class VideoConfig:
+    """The video that a stage makes of its result.
+
+    Attributes:
+        num_scenes: task instances that are filmed, one after another; 0 for no video.
+        size_px: width.
+    """
+
+    num_scenes: Index
+    size_px: Count
+
+
+@dataclass(frozen=True)
 class DemonstrationsConfig:
     """Attributes: ``count`` demonstrations, of which ``shard_size`` go into one file."""
 
@@ -365,6 +378,7 @@ class GenerateDemosConfig(PipelineConfig):
     physics: PhysicsConfig
     planner: KinodynamicRRTConfig
     demonstrations: DemonstrationsConfig
+    video: VideoConfig
 
 
 @dataclass(frozen=True)
@@ -381,6 +395,7 @@ class TrainILConfig(PipelineConfig):
     representation: RepresentationConfig
     learner: QImitationConfig | ActorCriticImitationConfig
     validation: ValidationConfig
+    video: VideoConfig
     demonstrations: str
     max_demonstrations: Count | None
 
@@ -403,6 +418,7 @@ class TrainRLConfig(PipelineConfig):
     representation: RepresentationConfig
     learner: DQNLearnerConfig | C3POLearnerConfig
     validation: ValidationConfig
+    video: VideoConfig
     heuristic: str
     demonstrations: str
 

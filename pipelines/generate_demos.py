@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.app import app
-from pipelines.config import GenerateDemosConfig
+from pipelines.config import GenerateDemosConfig, VideoConfig
 from pipelines.tracking import Run
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _NUM_TRIALS = 200
 """Attempts before a planner that solves next to nothing is given up."""
 
 _SHEET_ROWS, _SHEET_COLUMNS, _SHEET_SIZE_PX = 8, 8, 160
-_VIDEO_EPISODES, _VIDEO_SIZE_PX, _VIDEO_FPS = 4, 320, 12.0
+_VIDEO_FPS = 12.0
 
 
 @app(STAGE, GenerateDemosConfig)
@@ -78,7 +78,7 @@ def generate(config: GenerateDemosConfig, work: Path, run: Run) -> Path:
     write_json(folder / "metrics.json", metrics)
     write_text(folder / "lengths.csv", statistics.length_table())
     demonstrations = DemonstrationSet.open(folder, config.action_space.name)
-    _write_pictures(folder, demonstrations, statistics.lengths())
+    _write_pictures(folder, demonstrations, statistics.lengths(), config.video)
     return folder
 
 
@@ -241,7 +241,7 @@ class _Statistics:
 
 
 # ------------------------------------------------------------------------------------------------------------ pictures
-def _write_pictures(folder: Path, demonstrations: DemonstrationSet, lengths: Any) -> None:
+def _write_pictures(folder: Path, demonstrations: DemonstrationSet, lengths: Any, video: VideoConfig) -> None:
     import cv2
 
     from visualrhp.files import atomic_path
@@ -249,7 +249,8 @@ def _write_pictures(folder: Path, demonstrations: DemonstrationSet, lengths: Any
 
     with atomic_path(folder / "contact_sheet.png") as path:
         cv2.imwrite(str(path), cv2.cvtColor(_contact_sheet(demonstrations), cv2.COLOR_RGB2BGR))
-    write_video(folder / "demonstrations.webm", _video_frames(demonstrations), _VIDEO_FPS)
+    if video.num_scenes:
+        write_video(folder / "demonstrations.webm", _video_frames(demonstrations, video), _VIDEO_FPS)
     with atomic_path(folder / "lengths.png") as path:
         _length_histogram(lengths, demonstrations.action_space).savefig(path, dpi=120)
 
@@ -273,16 +274,16 @@ def _contact_sheet(demonstrations: DemonstrationSet) -> Frame:
     return np.vstack(rows)
 
 
-def _video_frames(demonstrations: DemonstrationSet) -> Iterator[Frame]:
+def _video_frames(demonstrations: DemonstrationSet, video: VideoConfig) -> Iterator[Frame]:
     from visualrhp.rendering.frames import episode_frames
 
-    for task, episode in itertools.islice(demonstrations, _VIDEO_EPISODES):
+    for task, episode in itertools.islice(demonstrations, video.num_scenes):
         yield from episode_frames(
             task.scene,
             episode.states,
             title=f"K.RRT, {demonstrations.action_space}",
             outcome="success",
-            size_px=_VIDEO_SIZE_PX,
+            size_px=video.size_px,
             frames_per_action=4,
             hold=8,
         )

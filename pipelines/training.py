@@ -27,7 +27,7 @@ Metrics = dict[str, float]
 NUM_THREADS = 1
 """Threads of torch in a training: the order of its sums, and with it the last bits of a result, depends on them."""
 
-_VIDEO_SCENES, _VIDEO_SIZE_PX, _VIDEO_FPS, _FRAMES_PER_ACTION = 2, 256, 9.0, 3
+_VIDEO_FPS, _FRAMES_PER_ACTION = 9.0, 3
 """Drawing takes time: these are for a glance, the report has the good ones."""
 
 
@@ -186,7 +186,8 @@ class Training:
             pd.concat(tables, names=["network", "row"]).droplevel("row").to_csv(path)
         with atomic_path(folder / "curves.png") as path:
             training_curves(tables, self.unit, self.curves, self.unit).savefig(path, dpi=120)
-        _write_video(config, parts[-1], folder)
+        if config.video.num_scenes:
+            _write_video(config, parts[-1], folder)
         for path in sorted(folder.iterdir()):
             run.log_artifact(path)
         run.log_metrics(_means(metrics))
@@ -230,7 +231,7 @@ def _write_video(config: TrainILConfig | TrainRLConfig, part: Part, folder: Path
     planner = Greedy(load_heuristic(folder / f"heuristic{part.suffix}.safetensors", config.action_space.name))
 
     def frames() -> Iterator[Any]:
-        for index in range(_VIDEO_SCENES):
+        for index in range(config.video.num_scenes):
             task = sample_task_instance(scene_distribution(config, part), config.seed, Split.VALIDATION, index)
             physics = Physics(**asdict(config.physics))
             model = TransitionModel(task.scene, make_action_space(config.action_space.name), physics)
@@ -241,7 +242,7 @@ def _write_video(config: TrainILConfig | TrainRLConfig, part: Part, folder: Path
                 episode.states,
                 title=f"Greedy, {config.action_space.name}",
                 outcome=episode.outcome,
-                size_px=_VIDEO_SIZE_PX,
+                size_px=config.video.size_px,
                 frames_per_action=_FRAMES_PER_ACTION,
                 hold=round(_VIDEO_FPS),
                 show_observation=True,
