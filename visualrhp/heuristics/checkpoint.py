@@ -54,12 +54,14 @@ def load_network(
     """
     tensors, document = read_tensor_file(path)
     if document.get("format") != _FORMAT:
-        raise CheckpointError(f"{path} is no trained heuristic (its format is {document.get('format')!r}, not {_FORMAT!r})")
+        raise CheckpointError(
+            f"{path} is no trained heuristic (its format is {document.get('format')!r}, not {_FORMAT!r})"
+        )
     action_space = document["action_space"]
     if expect_action_space is not None and action_space != expect_action_space:
         raise CheckpointError(
-            f"{path} was trained in the {action_space} action space, but the {expect_action_space} one is asked for; set "
-            f"action_space={action_space}, or give a heuristic of the {expect_action_space} action space"
+            f"{path} was trained in the {action_space} action space, but the {expect_action_space} one is asked for; "
+            f"set action_space={action_space}, or give a heuristic of the {expect_action_space} action space"
         )
     try:
         network = make_network(action_space, ObservationFunction(document["representation"], document["num_objects"]))

@@ -46,8 +46,8 @@ class LearnedHeuristic(Heuristic):
             for scene in scenes:
                 if scene.num_objects != observe.num_objects:
                     raise CheckpointError(
-                        f"this Cartesian network reads scenes of {observe.num_objects} objects and cannot guide in one of "
-                        f"{scene.num_objects}; every density needs its own (Sec. 7.5)"
+                        f"this Cartesian network reads scenes of {observe.num_objects} objects and cannot guide in "
+                        f"one of {scene.num_objects}; every density needs its own (Sec. 7.5)"
                     )
         observations = torch.from_numpy(np.stack([observe(*pair) for pair in zip(scenes, states, strict=True)]))
         closed = torch.tensor([state.gripper_closed for state in states])

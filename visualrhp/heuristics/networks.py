@@ -3,10 +3,11 @@
 Both networks share the convolutional part. Three things make it fast on a CPU without changing what it computes, or
 hardly:
 
-- The colours of an image and CoordConv's coordinates come out of one table, indexed by pixel and label.
+- The first layer, on the full image, makes use of what label images are: :mod:`visualrhp.heuristics.label_convolution`.
+- CoordConv's coordinates are the same in all images, and so is what a convolution makes of them: it is computed once a
+  batch and added.
 - Max pooling comes right after the convolution, so that normalization and activation see the pooled map, 4 to 16 times
-  smaller (the order of the last two does not matter: both are monotone; normalizing after pooling is a departure).
-- Convolution and pooling run in bfloat16 with the channels last in memory.
+  smaller (normalizing after pooling is a departure; the activation is monotone, so its order does not matter).
 
 Normalization is per sample (over channels and pixels): batch statistics would make the policy that collects differ from
 the one that is updated.
@@ -14,6 +15,7 @@ the one that is updated.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import torch
@@ -21,7 +23,8 @@ from torch import nn
 from torch.nn import functional
 
 from visualrhp.environments.task import ObservationFunction
-from visualrhp.rendering.label_image import IMAGE_SIZE, PALETTE
+from visualrhp.heuristics.label_convolution import LabelConvolution
+from visualrhp.rendering.label_image import IMAGE_SIZE
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
 
 RETURN_SCALE: Final = 20.0
@@ -39,25 +42,26 @@ def _coordinates(size: int) -> torch.Tensor:
 
 
 class CoordConv(nn.Module):
-    """Convolution (3 x 3) over maps and their two coordinate channels, max pooling, normalization, leaky ReLU.
+    """Convolution (3 x 3) over maps and two coordinate channels, and max pooling 2 x 2.
 
     Args:
         in_channels: without the coordinates.
-        pooling: factors of the successive max poolings.
+        size: side of the maps.
     """
 
-    def __init__(self, in_channels: int, out_channels: int, pooling: tuple[int, ...]) -> None:
+    _coordinates: torch.Tensor
+
+    def __init__(self, in_channels: int, out_channels: int, size: int) -> None:
         super().__init__()
         self.convolution = nn.Conv2d(in_channels + 2, out_channels, 3, padding=1)
-        self.normalization = nn.GroupNorm(1, out_channels)
-        self.pooling = pooling
+        self.in_channels = in_channels
+        self.register_buffer("_coordinates", _coordinates(size)[None], persistent=False)
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:
-        """[B, in + 2, s, s] to [B, out, s', s'], s' being s over the product of the poolings."""
-        maps = self.convolution(maps)
-        for factor in self.pooling:
-            maps = functional.max_pool2d(maps, factor)
-        return functional.leaky_relu(self.normalization(maps.float()))
+        """[B, in, s, s] to [B, out, s / 2, s / 2]."""
+        kernel, coordinate_kernel = self.convolution.weight.split((self.in_channels, 2), dim=1)
+        plane = functional.conv2d(self._coordinates, coordinate_kernel, self.convolution.bias, padding=1)
+        return functional.max_pool2d(functional.conv2d(maps, kernel, padding=1) + plane, 2)
 
 
 class ImageEncoder(nn.Module):
@@ -67,38 +71,22 @@ class ImageEncoder(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        palette = torch.from_numpy(PALETTE) / 127.5 - 1.0
-        pixels = IMAGE_SIZE * IMAGE_SIZE
-        coordinates = _coordinates(IMAGE_SIZE).flatten(1).T
-        colours_and_coordinates = torch.cat(
-            [palette.repeat(pixels, 1), coordinates.repeat_interleave(len(palette), 0)], dim=1
+        self.layers = nn.Sequential(
+            LabelConvolution(8),
+            nn.GroupNorm(1, 8),
+            nn.LeakyReLU(),
+            CoordConv(8, 8, IMAGE_SIZE // 4),
+            nn.GroupNorm(1, 8),
+            nn.LeakyReLU(),
+            CoordConv(8, 16, IMAGE_SIZE // 8),
+            nn.GroupNorm(1, 16),
+            nn.LeakyReLU(),
+            nn.Flatten(),
         )
-        self.register_buffer("table", colours_and_coordinates.bfloat16(), persistent=False)
-        self.register_buffer(
-            "rows", (len(palette) * torch.arange(pixels, dtype=torch.int32)).view(IMAGE_SIZE, IMAGE_SIZE), persistent=False
-        )
-        for size in (16, 8):
-            self.register_buffer(f"coordinates_{size}", _coordinates(size)[None], persistent=False)
-        self.first = CoordConv(3, 8, (2, 2))
-        self.second = CoordConv(8, 8, (2,))
-        self.third = CoordConv(8, 16, (2,))
-        self.to(memory_format=torch.channels_last)
 
     def forward(self, labels: torch.Tensor) -> torch.Tensor:
         """[B, 64, 64] uint8 to [B, 256]."""
-        # One gather lays out colours and coordinates with the channels last.
-        maps = functional.embedding(self.rows + labels, self.table).permute(0, 3, 1, 2)
-        with torch.autocast(labels.device.type, torch.bfloat16):
-            maps = self.first(maps)
-            maps = self.second(_append(maps, self.coordinates_16))
-            maps = self.third(_append(maps, self.coordinates_8))
-        return maps.flatten(1)
-
-
-def _append(maps: torch.Tensor, coordinates: torch.Tensor) -> torch.Tensor:
-    """Maps [B, c, s, s] with the coordinate channels [1, 2, s, s] behind, channels last in memory."""
-    stacked = torch.cat([maps, coordinates.expand(len(maps), -1, -1, -1)], dim=1)
-    return stacked.contiguous(memory_format=torch.channels_last)
+        return self.layers(labels)
 
 
 class CartesianEncoder(nn.Module):
@@ -119,7 +107,7 @@ def _encoder(observation: ObservationFunction) -> tuple[nn.Module, int]:
 def _dense(*sizes: int) -> nn.Sequential:
     """Fully connected layers, each followed by a leaky ReLU."""
     layers: list[nn.Module] = []
-    for size_in, size_out in zip(sizes[:-1], sizes[1:], strict=True):
+    for size_in, size_out in pairwise(sizes):
         layers += [nn.Linear(size_in, size_out), nn.LeakyReLU()]
     return nn.Sequential(*layers)
 

@@ -57,7 +57,7 @@ def read_tensor_file(path: str | os.PathLike[str]) -> tuple[dict[str, torch.Tens
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         raise CheckpointError(f"{path} is damaged: it is no readable safetensors file ({error})") from error
     if _HEADER_KEY not in metadata:

@@ -1,0 +1,65 @@
+"""The fast first layer is the slow one: colours, coordinates, convolution and pooling, computed one after the other."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import nn
+from torch.nn import functional
+
+from visualrhp.heuristics.label_convolution import LabelConvolution, label_colours
+from visualrhp.rendering.label_image import IMAGE_SIZE, Label, label_image
+from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+
+
+def plain(labels: torch.Tensor, convolution: nn.Conv2d) -> torch.Tensor:
+    """The definition: CoordConv on the coloured image with a border of edge pixels, and max pooling 4 x 4."""
+    padded = functional.pad(labels, (1, 1, 1, 1), value=int(Label.EDGE)).long()
+    colours = label_colours().to(convolution.weight.dtype)[padded].permute(0, 3, 1, 2)
+    step = 2.0 / (IMAGE_SIZE - 1)
+    axis = torch.linspace(-1.0 - step, 1.0 + step, IMAGE_SIZE + 2, dtype=convolution.weight.dtype)
+    coordinates = torch.stack(torch.meshgrid(axis, axis, indexing="ij")).expand(len(labels), -1, -1, -1)
+    return functional.max_pool2d(convolution(torch.cat([colours, coordinates], dim=1)), 4)
+
+
+def blobs(generator: torch.Generator) -> torch.Tensor:
+    """[8, 64, 64] labels: areas of one label, as in label images, and noise in the last two."""
+    coarse = torch.randint(6, (6, 8, 8), generator=generator, dtype=torch.uint8)
+    noise = torch.randint(6, (2, IMAGE_SIZE, IMAGE_SIZE), generator=generator, dtype=torch.uint8)
+    areas = coarse.repeat_interleave(8, 1).repeat_interleave(8, 2).roll((2, 3), (1, 2))
+    return torch.cat([areas, noise])
+
+
+def real_images() -> torch.Tensor:
+    tasks = [sample_task_instance(SceneDistribution(), 0, Split.TUNING, index) for index in range(6)]
+    return torch.stack([torch.from_numpy(label_image(task.scene, task.state)) for task in tasks])
+
+
+@pytest.mark.parametrize("kind", ["blobs", "images", "uniform"])
+def test_values_and_gradients_are_those_of_the_plain_convolution(kind: str) -> None:
+    generator = torch.Generator().manual_seed(3)
+    torch.manual_seed(3)
+    layer = LabelConvolution(8).double()
+    uniform = torch.arange(6, dtype=torch.uint8)[:, None, None].repeat(1, IMAGE_SIZE, IMAGE_SIZE)
+    labels = {"blobs": blobs(generator), "images": real_images(), "uniform": uniform}[kind]
+    upstream = torch.randn(len(labels), 8, 16, 16, generator=generator, dtype=torch.float64)
+    gradients = []
+    outputs = [layer(labels), plain(labels, layer.convolution)]
+    for output in outputs:
+        layer.zero_grad()
+        output.backward(upstream)
+        gradients.append([parameter.grad for parameter in layer.parameters()])
+    torch.testing.assert_close(outputs[0], outputs[1], rtol=1e-6, atol=1e-6)
+    for fast, slow in zip(*gradients, strict=True):
+        torch.testing.assert_close(fast, slow, rtol=1e-5, atol=1e-5)
+
+
+def test_large_batches_are_the_same_images_one_by_one() -> None:
+    layer = LabelConvolution(4)
+    labels = blobs(torch.Generator().manual_seed(1)).repeat(130, 1, 1)[:1030]  # more than two chunks
+    with torch.no_grad():
+        torch.testing.assert_close(layer(labels)[1020:], layer(labels[1020:]))
+
+
+def test_output_has_the_channels_last_in_memory() -> None:
+    assert LabelConvolution(8)(blobs(torch.Generator())).is_contiguous(memory_format=torch.channels_last)
