@@ -29,6 +29,8 @@ class CostToGo:
     where :math:`b = \max(0, \cos\angle(t - o, o - r))` is how much the robot is behind the desired object as seen
     from the target region: 1 straight behind, 0 beside or in front of it.
 
+    The default weights won a random search with 8 x 4 roll-outs over both action spaces, on the tuning instances.
+
     Attributes:
         reach: per metre between robot and desired object.
         turn: per radian of angular displacement between the robot's heading and the desired object.
@@ -41,11 +43,11 @@ class CostToGo:
         ConfigError: a weight is negative or not a number.
     """
 
-    reach: float = 10.0
-    turn: float = 1.0
-    carry: float = 20.0
+    reach: float = 18.0
+    turn: float = 0.4
+    carry: float = 75.0
     align: float = 2.0
-    face: float = 2.0
+    face: float = 0.7
     drop: float = 50.0
 
     def __post_init__(self) -> None:
