@@ -49,7 +49,7 @@ def app(config_name: str, schema: type[Config]) -> Callable[[Callable[[Config], 
     """Make ``task(config)`` the main function of a pipeline whose primary file is ``conf/<config_name>.yaml``.
 
     The typed configuration is complete and checked before the task starts. In a sweep (``-m``) every job makes its
-    artefact in a folder of its own, ``<outputs>/sweeps/<pipeline>/<overrides>``.
+    artefact in a folder of its own: ``paths.sweep``, or ``<outputs>/sweeps/<pipeline>/<overrides>``.
     """
 
     def decorate(task: Callable[[Config], None]) -> Callable[[], None]:
@@ -145,10 +145,12 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
 
 def _in_sweep_folder(config: Config) -> Config:
     """Give every job of a sweep its own artefact, named by its overrides so that the same sweep goes on from it."""
-    hydra_config = HydraConfig.get()
-    name = re.sub(r"[^\w.,=+\[\]-]", "_", hydra_config.job.override_dirname) or str(hydra_config.job.num)
-    artefact = Path(config.paths.outputs) / "sweeps" / hydra_config.job.name / name
-    return replace(config, paths=replace(config.paths, artefact=str(artefact)))
+    artefact = config.paths.sweep
+    if artefact is None:
+        job = HydraConfig.get().job
+        name = re.sub(r"[^\w.,=+\[\]-]", "_", job.override_dirname) or str(job.num)
+        artefact = str(Path(config.paths.outputs) / "sweeps" / job.name / name)
+    return replace(config, paths=replace(config.paths, artefact=artefact))
 
 
 # -------------------------------------------------------------------------------------- Hydra's errors, in one sentence

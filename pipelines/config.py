@@ -42,10 +42,12 @@ class PathsConfig:
     Attributes:
         outputs: root of all artefacts.
         artefact: folder that this pipeline makes.
+        sweep: folder that a job of a sweep makes instead; null for one named by the job's overrides.
     """
 
     outputs: str
     artefact: str
+    sweep: str | None
 
 
 @dataclass(frozen=True)
@@ -470,6 +472,19 @@ class VideosConfig:
 
 
 @dataclass(frozen=True)
+class SweepsConfig:
+    """Folders made by the sweeps behind figures, null to leave a figure out.
+
+    Attributes:
+        demonstrations: of ``experiment=fig5_evaluation``.
+        stability: of ``experiment=fig6``.
+    """
+
+    demonstrations: str | None
+    stability: str | None
+
+
+@dataclass(frozen=True)
 class ReportConfig(PipelineConfig):
     """``python -m pipelines.report``.
 
@@ -485,6 +500,7 @@ class ReportConfig(PipelineConfig):
     evaluation: str
     heuristics: str
     training: tuple[str, ...]
+    sweeps: SweepsConfig
     videos: VideosConfig
 
 

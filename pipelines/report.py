@@ -26,6 +26,7 @@ _log = logging.getLogger(__name__)
 
 _FRAMES_PER_SECOND_OF_MOTION = 3  # actions a second
 _GRID_COLUMNS = 3
+_TASKS_PER_BATCH = 20  # Sec. 7.4
 _GRID_CELL_PX = 256
 _CURVES = {
     "train_il": (
@@ -111,6 +112,7 @@ def main(config: ReportConfig) -> None:
         discard(artefact)  # a killed run's
         named = report_page.episode_figures(episodes)
         named["training"] = training_figures([Path(folder) for folder in config.training])
+        named["sweeps"] = sweep_figures(config)
         for figure in (figure for section in named.values() for figure in section):
             for suffix in ("svg", "png"):
                 figures.save(figure.figure, artefact / "figures" / f"{figure.stem}.{suffix}")
@@ -342,6 +344,84 @@ def load_curves(folder: Path) -> dict[str, pd.DataFrame]:
             names = (space, representation, str(network))
             curves[", ".join(dict.fromkeys(names))] = rows.dropna(axis="columns", how="all")
     return curves
+
+
+# -------------------------------------------------------------------------------------------------------------- sweeps
+def sweep_figures(config: ReportConfig) -> list[NamedFigure]:
+    """Fig. 5 and 6, if the configuration names the sweeps behind them.
+
+    Raises:
+        DataError: a sweep has no finished job.
+    """
+    from pipelines.report_page import NamedFigure
+    from visualrhp.evaluation.figures import demonstrations_sweep, learning_stability
+
+    named = []
+    if config.sweeps.demonstrations is not None:
+        figure = demonstrations_sweep(demonstration_batches(Path(config.sweeps.demonstrations)))
+        caption = f"Imitation followed greedily, means over batches of {_TASKS_PER_BATCH} tasks (Fig. 5)."
+        named.append(NamedFigure("demonstrations", "Number of demonstrations", caption, figure))
+    if config.sweeps.stability is not None:
+        trials = stability_trials(Path(config.sweeps.stability))
+        caption = (
+            f"Reinforcement learning with and without the baseline step, {trials['trial'].nunique()} trials (Fig. 6)."
+        )
+        named.append(NamedFigure("stability", "Learning stability", caption, learning_stability(trials)))
+    return named
+
+
+def demonstration_batches(folder: Path) -> pd.DataFrame:
+    """A row per batch of tasks, from ``<number>/evaluation/<action space>/episodes.parquet``.
+
+    Columns: action_space, num_demonstrations, success_rate.
+    """
+    import pandas as pd
+
+    rows = []
+    for path in sorted(folder.glob("*/evaluation/*/episodes.parquet")):
+        episodes = load_evaluation(path.parent)[0].sort_values("episode")
+        batch = episodes["episode"] // _TASKS_PER_BATCH
+        for rate in episodes.groupby(batch)["success"].mean().to_list():
+            number = int(path.parts[-4])
+            rows.append({"action_space": path.parts[-2], "num_demonstrations": number, "success_rate": rate})
+    if not rows:
+        raise _no_sweep("demonstrations", folder, "fig5_evaluation")
+    return pd.DataFrame(rows)
+
+
+def stability_trials(folder: Path) -> pd.DataFrame:
+    """A row per greedy evaluation of a training, from ``baseline_step_<bool>/seed_<number>/curves.csv``.
+
+    Columns: algorithm, trial, transitions, success_rate.
+    """
+    import pandas as pd
+
+    tables = []
+    for path in sorted(folder.glob("baseline_step_*/seed_*/curves.csv")):
+        curves = pd.read_csv(path)
+        rates = curves.loc[curves["greedy/success_rate"].notna()]
+        transitions = rates["collection/transitions"].fillna(0)  # none before the first iteration
+        tables.append(
+            pd.DataFrame(
+                {
+                    "algorithm": "C3PO" if path.parts[-3].endswith("True") else "PPO",
+                    "trial": path.parts[-2],
+                    "transitions": transitions,
+                    "success_rate": rates["greedy/success_rate"],
+                }
+            )
+        )
+    if not tables:
+        raise _no_sweep("stability", folder, "fig6")
+    return pd.concat(tables, ignore_index=True)
+
+
+def _no_sweep(key: str, folder: Path, experiment: str) -> Exception:
+    from visualrhp.errors import DataError
+
+    return DataError(
+        f"sweeps.{key}={folder} has no finished job; the first lines of conf/experiment/{experiment}.yaml make it"
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------- page
