@@ -381,9 +381,9 @@ def demonstration_batches(folder: Path) -> pd.DataFrame:
     for path in sorted(folder.glob("*/evaluation/*/episodes.parquet")):
         episodes = load_evaluation(path.parent)[0].sort_values("episode")
         batch = episodes["episode"] // _TASKS_PER_BATCH
-        for rate in episodes.groupby(batch)["success"].mean().to_list():
-            number = int(path.parts[-4])
-            rows.append({"action_space": path.parts[-2], "num_demonstrations": number, "success_rate": rate})
+        for _, tasks in episodes.groupby(batch):
+            point = {"action_space": path.parts[-2], "num_demonstrations": int(path.parts[-4])}
+            rows.append(point | {"success_rate": float(tasks["success"].mean())})
     if not rows:
         raise _no_sweep("demonstrations", folder, "fig5_evaluation")
     return pd.DataFrame(rows)
