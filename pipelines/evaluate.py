@@ -26,6 +26,8 @@ from pipelines.config import EvaluateConfig, suite_overrides
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipelines.tracking import Run
+
 _log = logging.getLogger(__name__)
 
 _PARTS = "episodes.jsonl"
@@ -84,17 +86,26 @@ class Unit:
 
 @app("evaluate", EvaluateConfig)
 def main(config: EvaluateConfig) -> None:
-    """Run the episodes that are missing, summarize all, publish the artefact."""
+    """Evaluate what is not evaluated yet, and publish the artefact."""
+    from pipelines.tracking import open_run
+    from pipelines.work import discard, git_commit, publish, work_folder
+
+    points = prepare(compose_points(config))
+    work = work_folder(config, "evaluate", network_hashes(points) | {"commit": git_commit() or ""})
+    name = "evaluate" if config.suite is None else f"evaluate {', '.join(config.suite)}"
+    with open_run(config, "evaluate", name, work) as run:
+        publish(evaluate(config, points, work, run), config.paths.artefact)
+    discard(work)
+
+
+def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: Run) -> Path:
+    """Run the episodes that are missing in ``work``, summarize all; the folder of the artefact."""
     from tqdm import tqdm
 
     from pipelines.execution import run_tasks, worker_count
-    from pipelines.tracking import open_run
-    from pipelines.work import card, discard, git_commit, publish, work_folder
+    from pipelines.work import card
     from visualrhp.files import atomic_path, write_json
 
-    points = prepare(compose_points(config))
-    networks = network_hashes(points)
-    work = work_folder(config, "evaluate", networks | {"commit": git_commit() or ""})
     parts = PartFile(work / _PARTS)
     units = [
         Unit(point.identity, point.config, episode)
@@ -104,38 +115,35 @@ def main(config: EvaluateConfig) -> None:
     ]
     if parts.rows:
         _log.info("%d episodes are done already; %d to go.", len(parts.rows), len(units))
-    name = "evaluate" if config.suite is None else f"evaluate {', '.join(config.suite)}"
-    with open_run(config, "evaluate", name, work) as run:
-        started = time.perf_counter()
-        # What can take long comes first, so that no worker is left alone with it at the end.
-        units.sort(key=lambda unit: unit.config.planner.algorithm != "kinodynamic_rrt")
-        results = run_tasks(run_unit, units, config.executor)
-        for identity, episode, row in tqdm(results, total=len(units), desc="episodes", unit="episode", smoothing=0.05):
-            parts.append(identity, episode, row)
-        wall_time = time.perf_counter() - started
+    # What can take long comes first, so that no worker is left alone with it at the end.
+    units.sort(key=lambda unit: unit.config.planner.algorithm != "kinodynamic_rrt")
+    started = time.perf_counter()
+    results = run_tasks(run_unit, units, config.executor)
+    for identity, episode, row in tqdm(results, total=len(units), desc="episodes", unit="episode", smoothing=0.05):
+        parts.append(identity, episode, row)
+    wall_time = time.perf_counter() - started
 
-        episodes = episodes_table(points, parts.rows)
-        artefact = work / "artefact"
-        artefact.mkdir(exist_ok=True)
-        with atomic_path(artefact / "episodes.parquet") as path:
-            episodes.to_parquet(path, index=False)
-        write_json(artefact / "metrics.json", metrics_by_method(episodes))
-        for stem, table in summary_tables(episodes).items():
-            with atomic_path(artefact / f"{stem}.csv") as path:
-                table.to_csv(path, index=False, float_format="%.6g")
-        content = {
-            "points": [_point_card(point) for point in points],
-            "networks": networks,
-            "num_episodes": len(episodes),
-            "wall_time_s": round(wall_time, 1),
-            "num_workers": worker_count(config.executor),
-        }
-        write_json(artefact / "evaluation.json", card(config, "evaluate", **content))
-        log_to_tracker(run, episodes)
-        run.log_artifact(artefact)
-        publish(artefact, config.paths.artefact)
-    discard(work)
+    episodes = episodes_table(points, parts.rows)
+    artefact = work / "artefact"
+    artefact.mkdir(exist_ok=True)
+    with atomic_path(artefact / "episodes.parquet") as path:
+        episodes.to_parquet(path, index=False)
+    write_json(artefact / "metrics.json", metrics_by_method(episodes))
+    for stem, table in summary_tables(episodes).items():
+        with atomic_path(artefact / f"{stem}.csv") as path:
+            table.to_csv(path, index=False, float_format="%.6g")
+    content = {
+        "points": [_point_card(point) for point in points],
+        "networks": network_hashes(points),
+        "num_episodes": len(episodes),
+        "wall_time_s": round(wall_time, 1),
+        "num_workers": worker_count(config.executor),
+    }
+    write_json(artefact / "evaluation.json", card(config, "evaluate", **content))
+    log_to_tracker(run, episodes)
+    run.log_artifact(artefact)
     _log.info("%s", report_lines(episodes, points))
+    return artefact
 
 
 # -------------------------------------------------------------------------------------------------------------- points
@@ -368,7 +376,7 @@ def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
     }
 
 
-def log_to_tracker(run: Any, episodes: pd.DataFrame) -> None:
+def log_to_tracker(run: Run, episodes: pd.DataFrame) -> None:
     """One child run per method and action space: its metrics, and those by density with the density as the step."""
     from pipelines.report_page import main_rows
     from visualrhp.evaluation.figures import ACTION_SPACES, order_methods, with_labels

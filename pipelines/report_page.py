@@ -190,7 +190,7 @@ def render(content: Content) -> str:
         scenes=[_scene(scene) for scene in content.scenes],
         results_note=(
             f"{_description(main)} Every method meets the same tasks. Ranges are {CONFIDENCE:.0%} confidence "
-            "intervals: Wilson's for rates, Student's for means. Action efficiency is objects in the scene over actions "
+            "intervals: Wilson's for rates, Student's for means. Action efficiency: objects in the scene over actions "
             "until completion, averaged over completed tasks (Sec. 7.3)."
         ),
         main_table=_table(main, ["method", "action_space"], ["Method", "Actions"], "", ""),

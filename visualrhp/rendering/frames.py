@@ -97,15 +97,7 @@ def render_frame(
     Raises:
         ConfigError: ``size_px`` is below 64.
     """
-    if size_px < _MIN_SIZE:
-        raise ConfigError(f"size_px={size_px}: a frame needs at least {_MIN_SIZE} pixels a side")
-    size_px += size_px % 2
-    picture = _draw_scene(scene, state, size_px, trail)
-    if show_observation:
-        picture = np.concatenate([picture, _observation_panel(scene, state, size_px)], axis=1)
-    if caption is not None:
-        picture = np.concatenate([_caption_bar(caption, size_px, picture.shape[1]), picture], axis=0)
-    return picture
+    return _render(_Canvas(scene, size_px), state, trail, caption, show_observation)
 
 
 def episode_frames(
@@ -141,12 +133,11 @@ def episode_frames(
     """
     if frames_per_action < 1:
         raise ConfigError(f"frames_per_action={frames_per_action}: at least one picture for each action is needed")
+    canvas = _Canvas(scene, size_px)
 
     def draw(state: State, past: Sequence[State], step: int, ended: bool) -> Frame:
         caption = Caption(title, step, max_steps, outcome if ended else None) if title else None
-        return render_frame(
-            scene, state, size_px=size_px, trail=past, caption=caption, show_observation=show_observation
-        )
+        return _render(canvas, state, past, caption, show_observation)
 
     last = len(states) - 1
     picture = draw(states[0], (), 0, last == 0)
@@ -172,15 +163,22 @@ def interpolate(start: State, end: State, fraction: float) -> State:
 
 
 class _Canvas:
-    """Shapes in metres on a supersampled picture."""
+    """Shapes in metres on a supersampled picture of a scene's surface."""
 
     def __init__(self, scene: Scene, size_px: int) -> None:
+        if size_px < _MIN_SIZE:
+            raise ConfigError(f"size_px={size_px}: a frame needs at least {_MIN_SIZE} pixels a side")
+        size_px += size_px % 2
+        self.scene = scene
+        self.size_px = size_px
         low, high = scene.edges.min(axis=0), scene.edges.max(axis=0)
         extent = float((high - low).max()) + 2.0 * MARGIN
         self.pixels_per_metre = size_px * _SUPERSAMPLING / extent
         self._left_top = (low + high) / 2.0 + np.array([-extent, extent]) / 2.0
         side = size_px * _SUPERSAMPLING
         self.picture = np.full((side, side, 3), BACKGROUND, dtype=np.uint8)
+        _draw_surface(self, scene)
+        self._surface = self.picture.copy()
 
     def fixed_point(self, points: FloatArray) -> np.ndarray:
         """[N, 2] int32 pixel coordinates with fractional bits; the centre of pixel (0, 0) is (0, 0)."""
@@ -209,14 +207,33 @@ class _Canvas:
         pixels = round(radius * self.pixels_per_metre * (1 << _SHIFT))
         cv2.circle(self.picture, (int(x), int(y)), pixels, colour, thickness, cv2.LINE_AA, _SHIFT)
 
-    def finished(self, size_px: int) -> Frame:
-        small = cv2.resize(self.picture, (size_px, size_px), interpolation=cv2.INTER_AREA)
+    def clear(self) -> None:
+        """Leave nothing but the surface."""
+        np.copyto(self.picture, self._surface)
+
+    def finished(self) -> Frame:
+        """The picture in its final size."""
+        small = cv2.resize(self.picture, (self.size_px, self.size_px), interpolation=cv2.INTER_AREA)
         return np.asarray(small, dtype=np.uint8)
 
 
-def _draw_scene(scene: Scene, state: State, size_px: int, trail: Sequence[State]) -> Frame:
-    canvas = _Canvas(scene, size_px)
-    _draw_surface(canvas, scene)
+def _render(
+    canvas: _Canvas, state: State, trail: Sequence[State], caption: Caption | None, show_observation: bool
+) -> Frame:
+    """See :func:`render_frame`; a canvas serves many frames of its scene."""
+    scene, size_px = canvas.scene, canvas.size_px
+    canvas.clear()
+    _draw_bodies(canvas, state, trail)
+    picture = canvas.finished()
+    if show_observation:
+        picture = np.concatenate([picture, _observation_panel(scene, state, size_px)], axis=1)
+    if caption is not None:
+        picture = np.concatenate([_caption_bar(caption, size_px, picture.shape[1]), picture], axis=0)
+    return picture
+
+
+def _draw_bodies(canvas: _Canvas, state: State, trail: Sequence[State]) -> None:
+    scene = canvas.scene
     outlines = [
         geometry.to_world(shape.outline, pose) for shape, pose in zip(scene.objects, state.object_poses, strict=True)
     ]
@@ -235,7 +252,6 @@ def _draw_scene(scene: Scene, state: State, size_px: int, trail: Sequence[State]
         canvas.polygon(finger, FINGER, _mix(FINGER, INK, 0.5))
     canvas.polygon(palm, ROBOT, _mix(ROBOT, INK, 0.5))
     _draw_palm_details(canvas, palm)
-    return canvas.finished(size_px)
 
 
 def _draw_surface(canvas: _Canvas, scene: Scene) -> None:
@@ -268,13 +284,15 @@ def _draw_shadows(canvas: _Canvas, outlines: Sequence[FloatArray]) -> None:
     for outline in outlines:
         cv2.fillPoly(mask, [canvas.fixed_point(outline + np.array([0.003, -0.005]))], 70, cv2.LINE_AA, _SHIFT)
     mask = cv2.blur(mask, (canvas.thickness(0.008),) * 2)
-    shade = (255 - mask)[..., None].astype(np.uint16)
-    canvas.picture[:] = (canvas.picture * shade // 255).astype(np.uint8)
+    shade = cv2.cvtColor(255 - mask, cv2.COLOR_GRAY2RGB)
+    cv2.multiply(canvas.picture, shade, canvas.picture, 1.0 / 255.0)
 
 
 def _draw_path(canvas: _Canvas, positions: FloatArray, colour: Colour) -> None:
     """A polyline with a dot at each earlier position; the oldest part is the faintest."""
     count = len(positions) - 1
+    if count < 1:
+        return
     before = canvas.picture.copy()
     for index in range(count):
         faded = _mix(SURFACE, colour, 0.25 + 0.75 * (index + 1) / count)
