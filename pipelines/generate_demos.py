@@ -297,9 +297,8 @@ def _length_histogram(lengths: Sequence[int], action_space: str) -> Any:
     axes.hist(lengths, bins=range(max(lengths) + 2), align="left", color="#0072b2", rwidth=0.9)
     axes.set_xlabel("Actions of a demonstration")
     axes.set_ylabel("Demonstrations")
-    axes.set_title(
-        f"{len(lengths)} demonstrations, {action_space}: {sum(lengths) / len(lengths):.1f} actions on average"
-    )
+    mean = sum(lengths) / len(lengths)
+    axes.set_title(f"{len(lengths)} demonstrations, {action_space}: {mean:.1f} actions on average", fontsize="medium")
     axes.spines[["top", "right"]].set_visible(False)
     return figure
 

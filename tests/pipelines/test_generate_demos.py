@@ -123,7 +123,6 @@ def test_a_planner_without_a_chance_is_given_up(tmp_path: Path) -> None:
 
 def test_pictures_show_the_demonstrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
-    monkeypatch.setattr(generate_demos, "_VIDEO_EPISODES", 1)
     folder = generate(tmp_path, "demonstrations.count=2", "planner.max_simulations=1000")
     sheet = (folder / "contact_sheet.png").read_bytes()
     assert sheet.startswith(b"\x89PNG")
