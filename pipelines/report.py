@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from pipelines.report_page import NamedFigure, SceneVideos
+    from pipelines.tracking import Run
 
 _log = logging.getLogger(__name__)
 
 _FRAMES_PER_SECOND_OF_MOTION = 3  # actions a second
 _GRID_COLUMNS = 3
 _TASKS_PER_BATCH = 20  # Sec. 7.4
-_GRID_CELL_PX = 256
+_GRID_CELL_PX = 208
 _CURVES = {
     "train_il": (
         "Imitation learning",
@@ -97,32 +98,39 @@ class FilmedTask:
 
 @app("report", ReportConfig)
 def main(config: ReportConfig) -> None:
-    """Load what the other pipelines made, film the planners, write the page."""
-    from pipelines import report_page
+    """Make the report and publish it."""
     from pipelines.tracking import open_run
     from pipelines.work import discard, publish, work_folder
+
+    work = work_folder(config, "report")
+    with open_run(config, "report", "report", work) as run:
+        publish(make_report(config, work, run), config.paths.artefact)
+    discard(work)
+    _log.info("The report is %s", Path(config.paths.artefact) / "index.html")
+
+
+def make_report(config: ReportConfig, work: Path, run: Run) -> Path:
+    """Load what the other pipelines made, film the planners, write the page; the folder of the artefact."""
+    from pipelines import report_page
+    from pipelines.work import discard
     from visualrhp.evaluation import figures
     from visualrhp.files import write_text
 
     episodes, evaluation = load_evaluation(Path(config.evaluation))
     tasks = video_tasks(config)
-    work = work_folder(config, "report")
-    with open_run(config, "report", "report", work) as run:
-        artefact = work / "artefact"
-        discard(artefact)  # a killed run's
-        named = report_page.episode_figures(episodes)
-        named["training"] = training_figures([Path(folder) for folder in config.training])
-        named["sweeps"] = sweep_figures(config)
-        for figure in (figure for section in named.values() for figure in section):
-            for suffix in ("svg", "png"):
-                figures.save(figure.figure, artefact / "figures" / f"{figure.stem}.{suffix}")
-        scenes = film(config, tasks, artefact / "videos")
-        content = page_content(config, episodes, evaluation, named, scenes)
-        write_text(artefact / "index.html", report_page.render(content))
-        run.log_artifact(artefact)
-        publish(artefact, config.paths.artefact)
-    discard(work)
-    _log.info("The report is %s", Path(config.paths.artefact) / "index.html")
+    artefact = work / "artefact"
+    discard(artefact)  # a killed run's
+    named = report_page.episode_figures(episodes)
+    named["training"] = training_figures([Path(folder) for folder in config.training])
+    named["sweeps"] = sweep_figures(config)
+    for figure in (figure for section in named.values() for figure in section):
+        for suffix in ("svg", "png"):
+            figures.save(figure.figure, artefact / "figures" / f"{figure.stem}.{suffix}")
+    scenes = film(config, tasks, artefact / "videos")
+    content = page_content(config, episodes, evaluation, named, scenes)
+    write_text(artefact / "index.html", report_page.render(content))
+    run.log_artifact(artefact)
+    return artefact
 
 
 def load_evaluation(folder: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -222,7 +230,7 @@ def film_task(task: VideoTask) -> FilmedTask:
             max_steps=MAX_EPISODE_ACTIONS,
             size_px=task.size_px,
             frames_per_action=max(1, round(task.fps / _FRAMES_PER_SECOND_OF_MOTION)),
-            hold=task.fps,
+            hold=task.fps // 2,
         )
     )
     with tempfile.TemporaryDirectory() as folder:
@@ -284,8 +292,9 @@ def write_comparison(videos: Sequence[bytes], path: Path, fps: int) -> None:
     from visualrhp.rendering.video import Frame, read_video, side_by_side, write_video
 
     def small(frame: Frame) -> Frame:
-        height = round(frame.shape[0] * _GRID_CELL_PX / frame.shape[1])
-        return np.asarray(cv2.resize(frame, (_GRID_CELL_PX, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        scale = min(1.0, _GRID_CELL_PX / frame.shape[1])
+        size = (round(scale * frame.shape[1]), round(scale * frame.shape[0]))
+        return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     decoded = []
     with tempfile.TemporaryDirectory() as folder:
@@ -383,7 +392,7 @@ def demonstration_batches(folder: Path) -> pd.DataFrame:
         batch = episodes["episode"] // _TASKS_PER_BATCH
         for _, tasks in episodes.groupby(batch):
             point = {"action_space": path.parts[-2], "num_demonstrations": int(path.parts[-4])}
-            rows.append(point | {"success_rate": float(tasks["success"].mean())})
+            rows.append(point | {"success_rate": float(tasks["success"].to_numpy().mean())})
     if not rows:
         raise _no_sweep("demonstrations", folder, "fig5_evaluation")
     return pd.DataFrame(rows)
