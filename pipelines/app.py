@@ -31,7 +31,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from pipelines.config import PipelineConfig
 from pipelines.decode import decode, suggestion
@@ -160,6 +160,8 @@ def _config_error(error: Exception) -> Any:
 
     cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
     text = str(error)
+    if isinstance(cause, MissingMandatoryValue):
+        return ConfigError(f"The key {cause.full_key} has no value (???); give it one.")
     if match := re.search(r"Could not find '(?P<group>[^']*)/(?P<option>[^']*)'", text):
         # The list that Hydra gives stops at an empty line.
         options = re.search(r"Available options in '[^']*':\n(.*?)(\n\n|\nConfig search path|\Z)", text, re.DOTALL)
@@ -190,6 +192,11 @@ def _unknown_key(key: str, cause: BaseException) -> str:
     if isinstance(parent, DictConfig):
         where = str(getattr(cause, "full_key", "") or key)
         return f"There is no key {where}. {suggestion(last, [str(name) for name in parent])}"
+    if key in groups:
+        return (
+            f"This pipeline has no group {key}. If an experiment asked for it, that experiment is for another "
+            "pipeline: the first lines of its file say which."
+        )
     return f"There is no key or group {key} here. {suggestion(key, groups)}"
 
 

@@ -93,11 +93,12 @@ def _join(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
 
 
-def _decode(schema: Any, content: Any, key: str) -> Any:
+def _decode(schema: Any, content: Any, key: str, described: Any = None) -> Any:
+    """``described`` is what a message about the type says instead of ``schema``, which is a part of it."""
     origin = get_origin(schema)
     if origin is Annotated:
         inner, bounds = get_args(schema)
-        value = _decode(inner, content, key)
+        value = _decode(inner, content, key, described or schema)
         for number in value if isinstance(value, tuple) else (value,):
             if number is not None and number not in bounds:
                 raise _error(f"{key}={_show(content)} is out of range: it should be {_describe(schema)}.")
@@ -118,16 +119,16 @@ def _decode(schema: Any, content: Any, key: str) -> Any:
         if content not in get_args(schema):
             raise _error(f"{key}={_show(content)} is not known: it should be {one_of(get_args(schema))}.")
         return content
-    return _decode_scalar(schema, content, key)
+    return _decode_scalar(schema, content, key, described or schema)
 
 
-def _decode_scalar(schema: Any, content: Any, key: str) -> Any:
+def _decode_scalar(schema: Any, content: Any, key: str, described: Any) -> Any:
     if schema is Any:
         return content
     if schema is float and isinstance(content, int) and not isinstance(content, bool):
         content = float(content)
     if not isinstance(content, schema) or (schema is int and isinstance(content, bool)):
-        raise _wrong_type(schema, content, key)
+        raise _wrong_type(described, content, key)
     if schema is float and not math.isfinite(typing.cast(float, content)):
         raise _error(f"{key}={content} is out of range: it should be a finite number.")
     return content
@@ -139,7 +140,7 @@ def _decode_union(schema: Any, content: Any, key: str) -> Any:
         return None
     options = [option for option in options if option is not type(None)]
     if len(options) == 1:
-        return _decode(options[0], content, key)
+        return _decode(options[0], content, key, described=schema)
     if not all(is_dataclass(option) for option in options):
         for option in options:
             if _looks_like(option, content):
