@@ -43,6 +43,7 @@ format: $(INSTALLED_FOR_TEST) ## format the code
 	ruff check --fix .
 
 ui: $(INSTALLED) ## look at the runs in MLflow, on http://127.0.0.1:5000 (PORT=...)
+	@echo "The runs: http://127.0.0.1:$(PORT)/#/experiments/1/runs?workflowType=machine_learning"
 	mlflow ui --backend-store-uri "sqlite:///$(CURDIR)/outputs/mlflow.db" --host 127.0.0.1 --port $(PORT)
 
 bench: $(INSTALLED_FOR_TEST) ## measure speed

@@ -92,8 +92,8 @@ def main(config: EvaluateConfig) -> None:
 
     points = prepare(compose_points(config))
     work = work_folder(config, "evaluate", network_hashes(points) | {"commit": git_commit() or ""})
-    name = "evaluate" if config.suite is None else f"evaluate {', '.join(config.suite)}"
-    with open_run(config, "evaluate", name, work) as run:
+    name = "suite" if config.suite is not None else f"{config.planner.name} {config.action_space.name}"
+    with open_run(config, "evaluate", f"evaluate {name}", work) as run:
         publish(evaluate(config, points, work, run), config.paths.artefact)
     discard(work)
 

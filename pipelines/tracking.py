@@ -257,6 +257,7 @@ def _open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
         logging.getLogger(noisy).setLevel(logging.WARNING)
     from filelock import FileLock
     from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
 
     outputs.mkdir(parents=True, exist_ok=True)
     # Two processes that both find no tables would both make them.
@@ -265,6 +266,8 @@ def _open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
         experiment = client.get_experiment_by_name(name)
         if experiment is not None:
             return client, experiment.experiment_id
+        with contextlib.suppress(MlflowException):
+            client.delete_experiment("0")  # MLflow's own, empty one
         # This kind makes the UI open on training runs; without it, it opens on traces of language models.
         tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": _DESCRIPTION}
         return client, client.create_experiment(name, artifact_location=(outputs / "mlruns").as_uri(), tags=tags)

@@ -48,7 +48,7 @@ def main(config: TrainILConfig) -> None:
 
     inputs = {"demonstrations": str(_open_demonstrations(config).card["content_hash"])}
     work = work_folder(config, STAGE, inputs)
-    with open_run(config, STAGE, f"imitation {config.action_space.name} {config.representation.name}", work) as run:
+    with open_run(config, STAGE, f"IL {config.action_space.name} {config.representation.name}", work) as run:
         folder = TRAINING.run(config, config.learner.epochs, work, run)
         publish(folder, config.paths.artefact)
     discard(work)

@@ -64,7 +64,7 @@ def main(config: TrainRLConfig) -> None:
     from pipelines.work import discard, publish, work_folder
 
     work = work_folder(config, STAGE, _input_hashes(config))
-    with open_run(config, STAGE, f"reinforcement {config.action_space.name} {config.representation.name}", work) as run:
+    with open_run(config, STAGE, f"RL {config.action_space.name} {config.representation.name}", work) as run:
         folder = TRAINING.run(config, config.learner.iterations, work, run)
         publish(folder, config.paths.artefact)
     discard(work)
