@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from pipelines.report_page import NamedFigure, SceneVideos
     from pipelines.tracking import Run
+    from visualrhp.rendering.video import Frame
 
 _log = logging.getLogger(__name__)
 
@@ -85,6 +86,7 @@ class FilmedTask:
         method: as in figures and tables.
         label: what happens, in words.
         data: the .webm file; empty if the planner cannot do this task.
+        poster: its last frame as a .webp picture.
     """
 
     scene_index: int
@@ -92,6 +94,7 @@ class FilmedTask:
     method: str
     label: str
     data: bytes = field(default=b"", repr=False)
+    poster: bytes = field(default=b"", repr=False)
     width: int = 0
     height: int = 0
 
@@ -239,7 +242,7 @@ def film_task(task: VideoTask) -> FilmedTask:
         data = path.read_bytes()
     label = f"{method}, {space} actions: {result.outcome}, {result.num_actions} actions"
     height, width = frames[0].shape[:2]
-    return FilmedTask(task.scene_index, space, method, label, data, width, height)
+    return FilmedTask(task.scene_index, space, method, label, data, encode_picture(frames[-1]), width, height)
 
 
 def film(config: ReportConfig, tasks: Sequence[VideoTask], folder: Path) -> list[SceneVideos]:
@@ -267,7 +270,7 @@ def film(config: ReportConfig, tasks: Sequence[VideoTask], folder: Path) -> list
                     stem = f"scene_{scene_index}_{space}_{attempt.method.replace(' ', '_')}"
                     with atomic_path(folder / f"{stem}.webm") as path:
                         path.write_bytes(attempt.data)
-            videos = [Video(attempt.label, attempt.data, attempt.width, attempt.height) for attempt in attempts]
+            videos = [Video(a.label, a.data, a.poster, a.width, a.height) for a in attempts]
             rows.append(VideoRow(f"{space.capitalize()} actions", videos))
         density = config.videos.num_objects[scene_index % len(config.videos.num_objects)]
         title = f"{density} objects" if density > 1 else "One object"
@@ -282,6 +285,14 @@ def film(config: ReportConfig, tasks: Sequence[VideoTask], folder: Path) -> list
     return scenes
 
 
+def encode_picture(frame: Frame) -> bytes:
+    """A frame as the content of a .webp file."""
+    import cv2
+
+    _, data = cv2.imencode(".webp", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, 85])
+    return data.tobytes()
+
+
 def write_comparison(videos: Sequence[bytes], path: Path, fps: int) -> None:
     """Write a grid in which several videos play at once."""
     import tempfile
@@ -289,7 +300,7 @@ def write_comparison(videos: Sequence[bytes], path: Path, fps: int) -> None:
     import cv2
     import numpy as np
 
-    from visualrhp.rendering.video import Frame, read_video, side_by_side, write_video
+    from visualrhp.rendering.video import read_video, side_by_side, write_video
 
     def small(frame: Frame) -> Frame:
         scale = min(1.0, _GRID_CELL_PX / frame.shape[1])

@@ -31,10 +31,14 @@ class NamedFigure:
 
 @dataclass(frozen=True)
 class Video:
-    """A video in a row; without ``data`` a note in its place says why (``label``)."""
+    """A .webm video in a row and the .webp picture shown before it starts.
+
+    Without ``data``, a note in its place says why (``label``).
+    """
 
     label: str
     data: bytes = b""
+    poster: bytes = b""
     width: int = 0
     height: int = 0
 
@@ -180,7 +184,7 @@ def render(content: Content) -> str:
     ]
     training = None
     if content.figures.get("training"):
-        text = "Curves as recorded while the heuristics were trained; the x axis counts what each stage counts."
+        text = "Curves recorded while the networks were trained, first on demonstrations, then on their own experience."
         training = {"text": text, "figures": [_embedded(figure) for figure in content.figures["training"]]}
     return environment.get_template("report.html.j2").render(
         title=content.title,
@@ -229,8 +233,9 @@ def _embedded(figure: NamedFigure) -> dict[str, Any]:
 
 def _scene(scene: SceneVideos) -> dict[str, Any]:
     def encoded(video: Video) -> dict[str, Any]:
-        data = base64.b64encode(video.data).decode("ascii")
-        return {"label": video.label, "data": data, "width": video.width, "height": video.height}
+        data, poster = (base64.b64encode(content).decode("ascii") for content in (video.data, video.poster))
+        size = {"width": video.width, "height": video.height}
+        return {"label": video.label, "data": data, "poster": poster, **size}
 
     rows = [{"title": row.title, "videos": [encoded(video) for video in row.videos]} for row in scene.rows]
     return {"title": scene.title, "subtitle": scene.subtitle, "rows": rows}
