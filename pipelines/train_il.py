@@ -1,7 +1,7 @@
 """Learn a heuristic by imitating the demonstrations (Sec. 6.2): ``python -m pipelines.train_il``.
 
-The image representation has one network; the Cartesian one has a network for each number of objects, trained in parallel
-on the demonstrations of that density and tracked as child runs.
+The image representation has one network; the Cartesian one has a network for each number of objects, trained in
+parallel on the demonstrations of that density and tracked as child runs.
 """
 
 from __future__ import annotations

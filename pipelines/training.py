@@ -1,7 +1,7 @@
 """What the trainings of networks have in common (``train_il``, ``train_rl``): one network, or one for each density.
 
-The image representation has one network for all numbers of objects, trained in this process on all threads; the Cartesian
-one has a network for each, trained in parallel and tracked as child runs (Sec. 7.5).
+The image representation has one network for all numbers of objects, trained in this process; the Cartesian one has a
+network for each, trained in parallel and tracked as child runs (Sec. 7.5).
 """
 
 from __future__ import annotations
