@@ -14,12 +14,10 @@ code    meaning
 from __future__ import annotations
 
 import functools
-import logging
 import os
 import re
 import signal
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,8 +37,6 @@ from pipelines.decode import decode, suggestion
 CONFIG_FOLDER = Path(__file__).resolve().parents[1] / "conf"
 _VERSION_BASE = "1.3"
 _DEBUG = "HYDRA_FULL_ERROR"
-
-_log = logging.getLogger(__name__)
 
 Config = TypeVar("Config", bound=PipelineConfig)
 
@@ -102,13 +98,11 @@ def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) 
 
 
 def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]) -> int:
-    from visualrhp.errors import VisualRHPError
-
     debug = os.environ.get(_DEBUG, "0") not in ("", "0")
     os.environ[_DEBUG] = "1"  # so that Hydra hands exceptions over instead of printing them
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    failures: list[VisualRHPError] = []
+    failures: list[Exception] = []
 
     def run(config: DictConfig) -> None:
         """Hydra's task function; a failure of a single run is kept, not raised, lest Hydra reports it its own way."""
@@ -116,31 +110,36 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
         try:
             typed = to_typed(config, schema)
             task(_in_sweep_folder(typed) if is_sweep else typed)
-        except VisualRHPError as error:
-            if is_sweep or debug:
+        except Exception as error:
+            mistake = _mistake(error)
+            if mistake is None or debug:
                 raise
-            failures.append(error)
-        except OmegaConfBaseException as error:
-            if is_sweep or debug:
-                raise _config_error(error) from error
-            failures.append(_config_error(error))
+            if is_sweep:
+                raise mistake from error
+            failures.append(mistake)
 
     try:
         hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
-    except (HydraException, OmegaConfBaseException) as error:
-        if debug:
-            raise
-        failures.append(_config_error(error))
-    except VisualRHPError as error:
-        if debug:
-            raise
-        failures.append(error)
     except KeyboardInterrupt:
         print("Interrupted; the same command goes on from here.", file=sys.stderr)
         return 130
+    except Exception as error:
+        mistake = _mistake(error)
+        if mistake is None or debug:
+            raise
+        failures.append(mistake)
     for failure in failures:
         print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
     return 2 if failures else 0
+
+
+def _mistake(error: Exception) -> Exception | None:
+    """What ``error`` says to the person at the command line; None if it is a defect of ours."""
+    from visualrhp.errors import VisualRHPError  # imported late: `--help` needs nothing of the library
+
+    if isinstance(error, VisualRHPError):
+        return error
+    return _config_error(error) if isinstance(error, HydraException | OmegaConfBaseException) else None
 
 
 def _in_sweep_folder(config: Config) -> Config:
@@ -198,8 +197,3 @@ def _unknown_key(key: str, cause: BaseException) -> str:
             "pipeline: the first lines of its file say which."
         )
     return f"There is no key or group {key} here. {suggestion(key, groups)}"
-
-
-def _quiet_libraries() -> None:
-    # Hydra looks at every installed plugin; what those warn about is not ours to mend.
-    warnings.filterwarnings("ignore", category=DeprecationWarning, module=r"hydra(\..*)?")
