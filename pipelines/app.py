@@ -176,6 +176,12 @@ def _config_error(error: Exception) -> Any:
             f"The argument {match['override']} cannot be read: arguments are key=value, values with special characters "
             """are quoted, such as 'title="a, b"'."""
         )
+    if match := re.search(
+        r"Multiple values for (?P<key>\S+)\. To override a value use 'override [^:]*: (?P<value>.*)'", text
+    ):
+        return ConfigError(
+            f"{match['key']} has a value already: say {match['key']}={match['value']}, without a plus sign."
+        )
     if match := re.search(r"Ambiguous value for argument '(?P<override>[^']*)'", text):
         return ConfigError(
             f"{match['override']} lists several values, which is a sweep: add -m to run all of them, or write a list "

@@ -45,6 +45,11 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("train_il", ["sede=3"], "There is no key sede. Did you mean seed?"),
         ("evaluate", ["planer=greedy"], "There is no key planer. Did you mean planner?"),
         ("evaluate", ["planner=gredy"], "planner=gredy is not known. Did you mean greedy?"),
+        (
+            "evaluate",
+            ["+experiment=fig10"],
+            "experiment has a value already: say experiment=fig10, without a plus sign.",
+        ),
         ("evaluate", ["suite=nothing"], "suite=nothing is not known."),
         ("evaluate", ["scale=huge"], "scale=huge is not known. Choose from paper, quick, smoke."),
         ("train_rl", ["experiment=fig7"], "This pipeline has no group suite."),
