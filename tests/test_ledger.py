@@ -17,7 +17,9 @@ _VALUE = re.compile(r"`([^`]*)`")
 
 def ledger() -> list[dict[str, str]]:
     """Rows of the table under "Departures from the paper"."""
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Departures from the paper")[1].split("\n## ")[0]
+    section = (
+        (ROOT / "README.md").read_text(encoding="utf-8").split("## Departures from the paper")[1].split("\n## ")[0]
+    )
     rows = [
         [cell.strip() for cell in line.strip().strip("|").split("|")]
         for line in section.splitlines()

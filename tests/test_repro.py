@@ -1,0 +1,93 @@
+"""The whole pipeline at smoke scale, by DVC, in a copy of the repository: twice to the same bytes, then every experiment."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+EXPERIMENTS = sorted(path.stem for path in (ROOT / "conf" / "experiment").glob("fig?.yaml")) + ["fig10"]
+
+# One copy serves all tests of this module: they have to be in one worker.
+pytestmark = pytest.mark.xdist_group("repro")
+
+
+def run(command: list[str], folder: Path) -> str:
+    # The copy's modules come before the installed ones; its environment is this one's.
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "DVC_NO_ANALYTICS": "true",
+    }
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, f"{' '.join(command)}\n{result.stdout[-3000:]}\n{result.stderr[-3000:]}"
+    return result.stdout
+
+
+def locked(folder: Path) -> dict[str, str]:
+    """Hash of every artefact, as DVC wrote it down."""
+    stages = yaml.safe_load((folder / "dvc.lock").read_text(encoding="utf-8"))["stages"]
+    return {out["path"]: out["md5"] for stage in stages.values() for out in stage["outs"]}
+
+
+def outcomes(folder: Path) -> pd.DataFrame:
+    """The rows of the evaluation without what it took in time."""
+    episodes = pd.read_parquet(folder / "outputs" / "evaluate" / "episodes.parquet")
+    return episodes[[name for name in episodes.columns if not name.endswith("_time_s")]]
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The repository's files, as git or an unpacked archive has them, with the pipeline run once at smoke scale."""
+    folder = tmp_path_factory.mktemp("repository")
+    for name in ("conf", "pipelines", "visualrhp"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("dvc.yaml", "params.yaml", "pyproject.toml", ".dvcignore"):
+        shutil.copy(ROOT / name, folder)
+    parameters = (folder / "params.yaml").read_text(encoding="utf-8")
+    (folder / "params.yaml").write_text(parameters.replace("scale: quick", "scale: smoke"), encoding="utf-8")
+    run(["dvc", "init", "--no-scm", "--quiet"], folder)
+    run(["dvc", "repro"], folder)
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def test_everything_is_made_and_nothing_is_made_twice(copy: Path) -> None:
+    made = [
+        "generate_demos/continuous/card.json",
+        "train_il/discrete/cartesian/heuristic_m1.safetensors",
+        "train_rl/continuous/image/heuristic.safetensors",
+        "evaluate/episodes.parquet",
+        "report/index.html",
+        "mlflow.db",
+    ]
+    assert [name for name in made if not (copy / "outputs" / name).is_file()] == []
+    assert "Running stage" not in run(["dvc", "repro"], copy)
+    assert "success_rate" in run(["dvc", "metrics", "show"], copy)
+
+
+def test_every_stage_makes_the_same_bytes_again(copy: Path) -> None:
+    first, episodes = locked(copy), outcomes(copy)
+    run(["dvc", "repro", "--force", "generate_demos", "train_il", "train_rl", "evaluate"], copy)
+    again = locked(copy)
+    trained = [path for path in first if "evaluate" not in path and "report" not in path]
+    assert len(trained) == 10
+    assert {path: again[path] for path in trained} == {path: first[path] for path in trained}
+    pd.testing.assert_frame_equal(outcomes(copy), episodes)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_experiment_runs_by_its_own_first_line(copy: Path, experiment: str) -> None:
+    lines = (ROOT / "conf" / "experiment" / f"{experiment}.yaml").read_text(encoding="utf-8").splitlines()
+    command = next(line.removeprefix("# ") for line in lines if line.startswith("# python -m pipelines."))
+    for part in command.split(" && "):
+        run([sys.executable, *part.split()[1:], "scale=smoke", "tracking=none"], copy)
