@@ -100,7 +100,7 @@ class Corridor(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDict:
         chosen = torch.ones(self.num_envs, dtype=torch.bool)
-        if tensordict is not None and "_reset" in tensordict.keys():
+        if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118 - not a dict
             chosen = tensordict["_reset"].reshape(-1)
         self.instance[chosen] = self.next_index[chosen]
         self.next_index[chosen] += self.num_envs

@@ -67,7 +67,7 @@ def moved(instance_scene: Scene, state: State, turn: float, shift: tuple[float, 
 
 
 def test_the_image_is_robot_centric() -> None:
-    """Moving and turning the world together with the gripper leaves the image as it is (rounding of vertices to subpixels aside)."""
+    """Moving and turning the world with the gripper leaves the image as it is, but for the rounding of vertices."""
     for index in range(10):
         instance = sample_task_instance(SceneDistribution(), 0, Split.TUNING, index)
         image = label_image(instance.scene, instance.state)

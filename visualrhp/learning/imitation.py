@@ -107,7 +107,8 @@ class ImitationData:
         if self.observation.dtype == torch.uint8:
             mirror = self.observation.flip(-1)
         else:
-            mirror = self.observation * torch.from_numpy(mirror_cartesian(np.ones(self.observation.shape[1], np.float32)))
+            signs = mirror_cartesian(np.ones(self.observation.shape[1], np.float32))
+            mirror = self.observation * torch.from_numpy(signs)
         mask = rows.view(-1, *[1] * (mirror.dim() - 1))
         parts["observation"] = torch.where(mask, mirror, self.observation)
         if self.action.dim() == 1:
@@ -201,14 +202,12 @@ def actor_critic_imitation_loss(
     log_likelihood = policy.log_prob(action).mean()
     value_error = ((returns - value) / return_unit).square().mean()
     entropy = policy.entropy().mean()
-    loss = (
-        -likelihood_coefficient * log_likelihood + value_coefficient * value_error + entropy_coefficient * entropy
-    )
+    loss = -likelihood_coefficient * log_likelihood + value_coefficient * value_error + entropy_coefficient * entropy
     terms = {"log_likelihood": log_likelihood, "value_error": value_error, "entropy": entropy}
     return loss, {name: term.detach() for name, term in terms.items()}
 
 
-# -------------------------------------------------------------------------------------------------------------- training
+# ------------------------------------------------------------------------------------------------------------ training
 @dataclass(frozen=True)
 class ImitationConfig:
     """What both action spaces share. Defaults: Sec. 7.4.
@@ -306,7 +305,9 @@ class ImitationLearner:
     ) -> None:
         expected = QImitationConfig if network.action_space == "discrete" else ActorCriticImitationConfig
         if not isinstance(config, expected):
-            raise ConfigError(f"a {type(config).__name__} cannot train a network of the {network.action_space} action space")
+            raise ConfigError(
+                f"a {type(config).__name__} cannot train a network of the {network.action_space} action space"
+            )
         self.network = network
         self.config = config
         self.epoch = 0
@@ -315,7 +316,8 @@ class ImitationLearner:
         self._generator = torch.Generator().manual_seed(seed)
         self._training, self._validation = data.split(config.validation_fraction, self._generator)
         # The gradient of l2 ||w||^2 is 2 l2 w.
-        self._optimizer = torch.optim.Adam(network.parameters(), lr=config.lr, weight_decay=2.0 * config.l2_regularization)
+        decay = 2.0 * config.l2_regularization
+        self._optimizer = torch.optim.Adam(network.parameters(), lr=config.lr, weight_decay=decay)
         self._evaluate = evaluate
         self._evaluate_every = evaluate_every
 
@@ -342,7 +344,7 @@ class ImitationLearner:
             ):
                 metrics |= {f"greedy/{name}": float(value) for name, value in self._evaluate(self.network).items()}
             if not all(math.isfinite(value) for value in metrics.values()):
-                raise LearningError(f"the training diverged in epoch {self.epoch}; a smaller learning rate would be right")
+                raise LearningError(f"the training diverged in epoch {self.epoch}; a smaller learning rate would help")
             self.history.append(metrics)
             yield metrics
 

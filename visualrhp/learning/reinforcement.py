@@ -207,7 +207,7 @@ class ReinforcementLearner(ABC):
         """Further tensors and JSON values to be stored."""
         return {}
 
-    def _restore_values(self, values: dict[str, Any]) -> None:
+    def _restore_values(self, values: dict[str, Any]) -> None:  # noqa: B027 - a learner may have none
         """Take back what :meth:`_values` gave."""
 
     def _measure(self) -> Metrics:

@@ -47,7 +47,7 @@ class GreedyValidation:
 
         Returns:
             ``success_rate`` and ``dropped_rate``, shares of the instances; ``action_efficiency``, mean number of
-            objects over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if there are none).
+            objects over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if none is).
         """
         tasks = [
             ClutterTask(self._distribution, make_action_space(heuristic.action_space), self._physics)

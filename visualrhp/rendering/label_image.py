@@ -1,8 +1,8 @@
 """The abstract colour-labelled, robot-centric image of a state (paper, Sec. 5.1).
 
-The image turns and moves with the gripper: its forward axis points up, its left axis left, and the origin of the gripper
-frame is always at the same pixel. It is kept as one byte of label a pixel and coloured only where a network or a person
-reads it.
+The image turns and moves with the gripper: its forward axis points up, its left axis left, and the origin of the
+gripper frame is always at the same pixel. It is kept as one byte of label a pixel and coloured only where a network or
+a person reads it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,8 @@ _SUBPIXELS = 1 << _SUBPIXEL_BITS
 # Pixel centres are at whole coordinates in OpenCV: the left border of the image is at -0.5.
 _ORIGIN_COLUMN = IMAGE_SIZE / 2 - 0.5
 _ORIGIN_ROW = IMAGE_SIZE - VIEW_BEHIND * _PIXELS_PER_METRE - 0.5
-_CIRCLE: Final = np.stack(
-    [np.cos(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)), np.sin(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False))],
-    axis=1,
-)
+_ANGLES: Final = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+_CIRCLE: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
 class Label(IntEnum):

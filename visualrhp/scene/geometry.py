@@ -52,9 +52,10 @@ def second_moment_of_area(polygon: FloatArray) -> float:
 def first_moment_of_distance(polygon: FloatArray) -> float:
     """The integral of r, the distance from the origin, over a simple polygon [m^3].
 
-    Times friction, area density and gravity, it is the torque with which Coulomb friction under uniform pressure resists
-    a turn about the origin. Each edge spans a triangle with the origin; with p its distance from the edge's line and phi
-    the angle from the foot of the perpendicular, the integral over it is p^3 / 6 [sec tan + asinh(tan)] in phi.
+    Times friction, area density and gravity, it is the torque with which Coulomb friction under uniform pressure
+    resists a turn about the origin. Each edge spans a triangle with the origin; with p its distance from the edge's
+    line and phi the angle from the foot of the perpendicular, the integral over it is
+    p^3 / 6 [sec tan + asinh(tan)] in phi.
     """
     total = 0.0
     for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -73,7 +74,7 @@ def first_moment_of_distance(polygon: FloatArray) -> float:
 
 
 def contains(polygon: FloatArray, x: float, y: float) -> bool:
-    """Whether the point lies within a simple polygon (even-odd rule; the border counts as the half-open rule has it)."""
+    """Whether the point lies within a simple polygon (even-odd rule; the border counts by the half-open rule)."""
     inside = False
     vertices = polygon.tolist()
     x0, y0 = vertices[-1]

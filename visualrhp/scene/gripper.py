@@ -42,13 +42,13 @@ class Gripper:
         return np.array([[back, -narrow], [front, -wide], [front, wide], [back, narrow]])
 
     def finger(self, side: int) -> FloatArray:
-        """[4, 2] outline of a finger with its inner face on the x axis, counter-clockwise; ``side`` 1 left, -1 right."""
+        """[4, 2] outline of a finger, its inner face on the x axis, counter-clockwise; ``side`` is 1 left, -1 right."""
         front, back = self.finger_reach, self.finger_reach - self.finger_length
         low, high = sorted((0.0, side * self.finger_thickness))
         return np.array([[back, low], [front, low], [front, high], [back, high]])
 
     def outlines(self, pose: npt.ArrayLike, opening: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Palm, left and right finger, each [4, 2] in the world frame, for a gripper ``pose`` [3] and ``opening`` [m]."""
+        """Palm, left and right finger, each [4, 2] in the world frame, for a ``pose`` [3] and an ``opening`` [m]."""
         shift = np.array([0.0, opening / 2.0])
         return (
             to_world(self.palm, pose),

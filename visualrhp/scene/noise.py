@@ -32,9 +32,8 @@ def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scen
         raise SceneError(f"the relative standard deviation of the noise is {relative_std}; it must not be negative")
     if relative_std == 0.0:
         return scene
-    return Scene(
-        scene.target, tuple(_perturb_object(shape, relative_std, rng) for shape in scene.objects), scene.edges, scene.gripper
-    )
+    objects = tuple(_perturb_object(shape, relative_std, rng) for shape in scene.objects)
+    return Scene(scene.target, objects, scene.edges, scene.gripper)
 
 
 def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Generator) -> ObjectShape:

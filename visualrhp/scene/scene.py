@@ -70,8 +70,8 @@ class ObjectShape:
             raise SceneError(f"an object's outline is not convex: {outline.tolist()}")
         if np.abs(geometry.centroid(outline)).max() > _CENTRE_TOLERANCE:
             raise SceneError(
-                f"an object's outline has its centre of mass at {geometry.centroid(outline).tolist()}, not at the origin "
-                "of its frame; ObjectShape.centred moves it there"
+                f"an object's outline has its centre of mass at {geometry.centroid(outline).tolist()}, not at the "
+                "origin of its frame; ObjectShape.centred moves it there"
             )
         for name in ("density", "friction"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
@@ -166,7 +166,7 @@ class Scene:
     target: TargetRegion
     objects: tuple[ObjectShape, ...]
     edges: FloatArray = field(default_factory=lambda: square_edges(0.5))
-    gripper: Gripper = Gripper()
+    gripper: Gripper = field(default_factory=Gripper)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "edges", _polygon(self.edges, "the surface"))

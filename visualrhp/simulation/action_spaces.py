@@ -49,7 +49,7 @@ class ActionSpace(ABC):
 
     @abstractmethod
     def mirror(self, action: Action) -> Action:
-        """The action that does in the mirrored scene (left and right exchanged) what ``action`` does in the original."""
+        """The action that does in the mirrored scene (left and right exchanged) what ``action`` does here."""
 
 
 class DiscreteActionSpace(ActionSpace):
@@ -140,7 +140,9 @@ class ContinuousActionSpace(ActionSpace):
         return self._components(action) * (1.0, -1.0, -1.0, 1.0)
 
 
-_ACTION_SPACES: dict[str, type[ActionSpace]] = {space.name: space for space in (DiscreteActionSpace, ContinuousActionSpace)}
+_ACTION_SPACES: dict[str, type[ActionSpace]] = {
+    space.name: space for space in (DiscreteActionSpace, ContinuousActionSpace)
+}
 
 
 def make_action_space(name: ActionSpaceName) -> ActionSpace:

@@ -23,8 +23,8 @@ class Physics:
         gripper_density: mass per area of palm and fingers [kg/m^2] (footnote 3).
         gripper_friction: Coulomb coefficient of palm and fingers (footnote 3).
         hand_inertia: moment of inertia of the drive that turns the palm [kg m^2].
-        finger_inertia: moment of inertia that stands for a finger's stiff guide [kg m^2]; without it the solver does not
-            hold the fingers straight against the arm that moves them.
+        finger_inertia: moment of inertia that stands for a finger's stiff guide [kg m^2]; without it the solver does
+            not hold the fingers straight against the arm that moves them.
         hand_force: limit of the servo that drives the palm [N].
         hand_torque: limit of the servo that turns the palm [N m].
         squeezing_force: of each finger [N].

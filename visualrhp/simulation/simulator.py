@@ -31,7 +31,7 @@ _ALL_CATEGORIES = 0xFFFFFFFF
 _INFINITY = math.inf
 _ORIGIN = (0.0, 0.0)
 _ARM_LENGTH = 0.06
-"""Distance of the arm's pins from its pivot [m]; a little more than half the stroke, so that the arm stays below 45°."""
+"""From the arm's pivot to its pins [m]; a little more than half the stroke, so the arm stays below 45 degrees."""
 
 
 class _Body:
@@ -243,7 +243,12 @@ class Simulator:
         c, s = math.cos(palm[2]), math.sin(palm[2])
         opening = c * (left[1] - right[1]) - s * (left[0] - right[0])
         vector = np.array(
-            [*palm, min(max(opening, 0.0), 2.0 * self._half_stroke), closed, *(v for o in self._objects for v in o.pose())]
+            [
+                *palm,
+                min(max(opening, 0.0), 2.0 * self._half_stroke),
+                closed,
+                *(v for o in self._objects for v in o.pose()),
+            ]
         )
         if not np.isfinite(vector).all():
             raise SimulationError(f"the simulation diverged; the state vector became {vector.tolist()}")
