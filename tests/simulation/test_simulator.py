@@ -57,7 +57,7 @@ def _replay(index: int, order: list[int]) -> list[bytes]:
 
 def test_markov_to_the_bit() -> None:
     """The same next states in another order, in a simulator with another history, and in another process."""
-    for index in range(3):
+    for index in (0, 1, 3):  # walks with contacts
         transitions = random_walk(index, 20)
         expected = [following.vector.tobytes() for *_, following in transitions]
         moved = [not np.array_equal(s.object_poses, f.object_poses) for s, _, f in transitions]
