@@ -18,7 +18,8 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -99,9 +100,7 @@ def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) 
 
 def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]) -> int:
     debug = os.environ.get(_DEBUG, "0") not in ("", "0")
-    os.environ[_DEBUG] = "1"  # so that Hydra hands exceptions over instead of printing them
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     failures: list[Exception] = []
 
     def run(config: DictConfig) -> None:
@@ -119,7 +118,8 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
             failures.append(mistake)
 
     try:
-        hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
+        with _hydra_for_one_run():
+            hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
     except KeyboardInterrupt:
         print("Interrupted; the same command goes on from here.", file=sys.stderr)
         return 130
@@ -131,6 +131,24 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     for failure in failures:
         print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
     return 2 if failures else 0
+
+
+@contextmanager
+def _hydra_for_one_run() -> Iterator[None]:
+    """Let Hydra hand exceptions over instead of printing them, let SIGTERM clean up, and leave nothing of it behind."""
+    before = os.environ.get(_DEBUG)
+    os.environ[_DEBUG] = "1"
+    handler = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+        os.environ.pop(_DEBUG)
+        if before is not None:
+            os.environ[_DEBUG] = before
+        # Hydra forgets neither by itself, and a function called later would take them for its own.
+        GlobalHydra.instance().clear()
+        HydraConfig.instance().cfg = None
 
 
 def _mistake(error: Exception) -> Exception | None:

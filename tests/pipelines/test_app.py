@@ -134,6 +134,7 @@ def test_a_sweep_runs_every_job_in_a_folder_of_its_own(run: Run) -> None:
     folders = [folder for _, folder, _ in seen]
     assert folders == [f"outputs/sweeps/train_rl/learner.lr={lr},seed=4" for lr in (0.1, 0.2)]
     assert seen[0][2] == ["tracking=none", "learner.lr=0.1", "seed=4"]
+    assert command_line_overrides() == []
 
 
 def test_a_mistake_in_a_sweep_is_an_error(run: Run) -> None:

@@ -42,7 +42,7 @@ def test_what_a_run_records(configure: Callable[..., TrainILConfig], client: Any
     (tmp_path / "figure.svg").write_text("<svg/>")
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "a.txt").write_text("a")
-    with open_run(configure("seed=3"), "train_il", "imitation continuous image") as run:
+    with open_run(configure("seed=3", "learner.lr=0.25"), "train_il", "imitation continuous image") as run:
         assert run.id is not None
         run.log_metrics({"train/loss": 2.0, "absent": None}, step=0)
         run.log_metrics({"train/loss": 1.0}, step=1)
@@ -54,7 +54,7 @@ def test_what_a_run_records(configure: Callable[..., TrainILConfig], client: Any
     assert recorded.info.status == "FINISHED"
     assert recorded.data.params["seed"] == "3"
     assert recorded.data.params["scale"] == "quick"
-    assert recorded.data.params["learner.lr"] == "0.0005"
+    assert recorded.data.params["learner.lr"] == "0.25"
     tags = recorded.data.tags
     assert (tags["stage"], tags["method"], tags["mlflow.source.name"]) == (
         "train_il",
