@@ -1,0 +1,89 @@
+"""Imitation of a few demonstrations: going on after a kill, networks of each representation, inputs that do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipelines.app import compose
+from pipelines.config import TrainILConfig
+from pipelines.execution import single_threaded
+from pipelines.train_il import make_learner, summary, train_part
+from pipelines.training import parts_of
+from visualrhp.errors import DataError
+from visualrhp.heuristics.checkpoint import load_network
+from visualrhp.learning.demonstrations import DemonstrationWriter, generate_block
+from visualrhp.planning import KinodynamicRRT
+from visualrhp.scene import SceneDistribution
+from visualrhp.simulation import Physics
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    with single_threaded():
+        yield
+
+
+@pytest.fixture(scope="module")
+def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six demonstrations with one object."""
+    folder = tmp_path_factory.mktemp("demonstrations")
+    writer = DemonstrationWriter(folder, "continuous", 6)
+    writer.add(
+        generate_block(
+            range(6),
+            distribution=SceneDistribution(num_objects=(1, 1)),
+            action_space="continuous",
+            planner=KinodynamicRRT(),
+            seed=0,
+            physics=Physics(),
+        )
+    )
+    writer.finish()
+    return folder
+
+
+def configure(folder: Path, *overrides: str) -> TrainILConfig:
+    shared = ["scale=smoke", "tracking=none", f"demonstrations={folder}", "representation=cartesian"]
+    return compose("train_il", TrainILConfig, [*shared, *overrides])
+
+
+def test_a_killed_training_goes_on_to_the_same_network(demonstrations: Path, tmp_path: Path) -> None:
+    config = configure(demonstrations, "learner.epochs=3", "validation.num_instances=1")
+    (part,) = parts_of(config)
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    rows = list(train_part(config, part, whole))
+    assert [row["epoch"] for row in rows] == [1.0, 2.0, 3.0]
+    training = train_part(config, part, killed)
+    next(training), next(training)
+    training.close()
+    assert [row["epoch"] for row in train_part(config, part, killed)][-1] == 3.0
+    first, second = (load_network(folder / "heuristic.safetensors")[0].state_dict() for folder in (whole, killed))
+    assert all(torch.equal(first[key], second[key]) for key in first)
+
+
+def test_the_summary_leaves_times_out() -> None:
+    history = [{"epoch": 2.0, "lr": 0.1, "samples_per_s": 5.0, "train/loss": 1.5, "greedy/success_rate": 0.5}]
+    assert summary(history) == {"epochs": 2, "train": {"loss": 1.5}, "greedy": {"success_rate": 0.5}}
+
+
+def test_each_representation_has_its_networks(demonstrations: Path) -> None:
+    cartesian = configure(demonstrations, "representation.num_objects=[1,4]")
+    assert [part.suffix for part in parts_of(cartesian)] == ["_m1", "_m4"]
+    image = compose("train_il", TrainILConfig, ["scale=smoke", f"demonstrations={demonstrations}"])
+    assert [part.suffix for part in parts_of(image)] == [""]
+
+
+def test_demonstrations_that_do_not_fit_are_refused(demonstrations: Path, tmp_path: Path) -> None:
+    other_density = configure(demonstrations, "representation.num_objects=[4]")
+    with pytest.raises(DataError, match="no demonstrations"):
+        make_learner(other_density, parts_of(other_density)[0])
+    other_space = configure(demonstrations, "action_space=discrete")
+    with pytest.raises(DataError, match="continuous"):
+        make_learner(other_space, parts_of(other_space)[0])
+    missing = configure(tmp_path / "nothing")
+    with pytest.raises(DataError, match="nothing"):
+        make_learner(missing, parts_of(missing)[0])
