@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 from typing import Any, TypeVar
 
 import hydra
@@ -120,9 +121,10 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     try:
         with _hydra_for_one_run():
             hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
-    except KeyboardInterrupt:
-        print("Interrupted; the same command goes on from here.", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as interrupt:
+        told, code = ("Stopped by SIGTERM", 143) if isinstance(interrupt, _Terminated) else ("Interrupted", 130)
+        print(f"{told}; the same command goes on from here.", file=sys.stderr)
+        return code
     except Exception as error:
         mistake = _mistake(error)
         if mistake is None or debug:
@@ -133,12 +135,20 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     return 2 if failures else 0
 
 
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM, which is to clean up like Ctrl-C."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
 @contextmanager
 def _hydra_for_one_run() -> Iterator[None]:
     """Let Hydra hand exceptions over instead of printing them, let SIGTERM clean up, and leave nothing of it behind."""
     before = os.environ.get(_DEBUG)
     os.environ[_DEBUG] = "1"
-    handler = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    handler = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
     finally:

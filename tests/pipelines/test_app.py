@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -109,6 +112,17 @@ def test_ctrl_c_is_130(run: Run) -> None:
 
     code, message = run(main)
     assert code == 130
+    assert "the same command goes on" in message
+
+
+def test_sigterm_is_143(run: Run) -> None:
+    @app("report", ReportConfig)
+    def main(config: ReportConfig) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)
+
+    code, message = run(main)
+    assert code == 143
     assert "the same command goes on" in message
 
 
