@@ -125,9 +125,16 @@ def summary(history: list[Metrics]) -> dict[str, Any]:
 
 
 def _open_demonstrations(config: TrainILConfig) -> DemonstrationSet:
+    from visualrhp.errors import DataError
     from visualrhp.learning.demonstrations import DemonstrationSet
 
-    return DemonstrationSet.open(config.demonstrations, config.action_space.name)
+    demonstrations = DemonstrationSet.open(config.demonstrations, config.action_space.name)
+    if config.max_demonstrations is not None and config.max_demonstrations > len(demonstrations):
+        raise DataError(
+            f"max_demonstrations={config.max_demonstrations}, but {config.demonstrations} has {len(demonstrations)}; "
+            "generate more of them, or say null to use all."
+        )
+    return demonstrations
 
 
 TRAINING = Training(STAGE, "Imitation", "epoch", _CURVES, train_part)
