@@ -31,7 +31,7 @@ test: $(INSTALLED_FOR_TEST) ## lint, check types and run the tests
 	ruff check .
 	ruff format --check .
 	pyright
-	pytest -n auto --dist loadgroup tests
+	pytest -n auto --dist loadfile tests
 
 lint: $(INSTALLED_FOR_TEST) ## lint and check types only
 	ruff check .
