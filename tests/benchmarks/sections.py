@@ -1,0 +1,36 @@
+"""The sections, each run in a process of its own so that its peak memory is its own."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import resource
+import sys
+
+from tests.benchmarks.timing import Effort
+
+SECTIONS = ("simulation", "environment", "batched", "planning", "training", "command_line", "peers")
+"""Modules of this package with a function ``run(effort)``."""
+
+
+def run_section(name: str, effort: Effort) -> None:
+    """Run one section in this process."""
+    section = importlib.import_module(f"tests.benchmarks.{name}")
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    imported = _peak_memory()
+    section.run(effort)
+    print(f"peak memory of {name}: {_peak_memory():.0f} MiB, {imported:.0f} MiB of it by the imports", flush=True)
+
+
+def run_apart(name: str, effort: Effort) -> bool:
+    """Run one section in a new process; whether it went well."""
+    process = multiprocessing.get_context("spawn").Process(target=run_section, args=(name, effort))
+    process.start()
+    process.join()
+    return process.exitcode == 0
+
+
+def _peak_memory() -> float:
+    """[MiB], of this process."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -1,0 +1,87 @@
+"""The exact simulator against a bare Chipmunk loop on the same bodies; setting and getting states; drawing."""
+
+from __future__ import annotations
+
+from unittest import mock
+
+import cv2
+import numpy as np
+
+from tests.benchmarks import walks as w
+from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show_title, timed
+from visualrhp.rendering import label_image
+from visualrhp.rendering.label_image import IMAGE_SIZE
+from visualrhp.simulation.simulator import Simulator, lib
+from visualrhp.types import State
+
+BARE = "the bare Chipmunk loop"
+NUM_OBJECTS = (1, 4, 7)
+
+
+def _set_and_get(simulator: Simulator, state: State) -> None:
+    """What the exactness adds to the substeps: the world set to a state and read."""
+    space = lib.cpSpaceNew()
+    simulator._set_up(space, state, state.gripper_closed)
+    simulator._read(state.gripper_closed)
+    lib.cpSpaceFree(space)
+
+
+def _replayed_fills(walk: w.Walk, state: State) -> Stopwatch:
+    """OpenCV's part of the label image alone, its polygons computed beforehand."""
+    with (
+        mock.patch.object(cv2, "fillPoly", wraps=cv2.fillPoly) as polygons,
+        mock.patch.object(cv2, "fillConvexPoly", wraps=cv2.fillConvexPoly) as convex,
+    ):
+        label_image(walk.scene, state)
+    calls = [(cv2.fillPoly, *call) for call in polygons.call_args_list]
+    calls += [(cv2.fillConvexPoly, *call) for call in convex.call_args_list]
+
+    def fill() -> None:
+        image = np.full((IMAGE_SIZE, IMAGE_SIZE), 0, np.uint8)
+        for function, arguments, keywords in calls:
+            function(image, *arguments[1:], **keywords)
+
+    return timed(fill, 20)
+
+
+def run(effort: Effort) -> None:
+    show_title("Simulator (contacts: random walks towards the objects)")
+    for num_objects in NUM_OBJECTS:
+        walks = w.random_walks(num_objects, effort.motions)
+        simulators = w.simulators(walks)
+        bare = lambda walks=walks, of=simulators: w.bare_seconds(walks, of)  # noqa: E731
+        words = numbered(num_objects, "object")
+        pushes, bare_pushes = sum(walk.pushes for walk in walks), w.bare_pushes(walks, simulators)
+        compare(
+            f"advance, {words} ({pushes} and {bare_pushes} of {w.count(walks)} motions push)",
+            lambda walks=walks, of=simulators: w.advance_seconds(walks, of),
+            bare,
+            BARE,
+            effort.repetitions,
+        )
+        situations = [
+            (simulator, state) for walk, simulator in zip(walks, simulators, strict=True) for state in walk.states[1:]
+        ]
+        compare(
+            f"set state and get state, {words}",
+            lambda situations=situations: _each(_set_and_get, situations),
+            bare,
+            BARE,
+            effort.repetitions,
+        )
+    show_title("Label image")
+    for num_objects in NUM_OBJECTS:
+        walk = w.random_walks(num_objects, 3)[0]
+        state = walk.states[-1]
+        compare(
+            f"label image, {numbered(num_objects, 'object')}",
+            timed(lambda walk=walk, state=state: label_image(walk.scene, state), 20),
+            _replayed_fills(walk, state),
+            "filling its polygons with OpenCV",
+            effort.repetitions,
+        )
+
+
+def _each(function, arguments: list[tuple]) -> float:
+    """Mean time of a call [s]."""
+    return timed(lambda: [function(*a) for a in arguments])() / len(arguments)
