@@ -3,13 +3,9 @@ import pytest
 
 from visualrhp.errors import ConfigError
 from visualrhp.rendering import PALETTE, label_image
+from visualrhp.rendering.drawing import BACKGROUND, DESIRED, MARGIN, OBSTACLE, SURFACE
 from visualrhp.rendering.frames import (
-    BACKGROUND,
-    DESIRED,
-    MARGIN,
-    OBSTACLE,
     OUTCOME_COLOURS,
-    SURFACE,
     Caption,
     episode_frames,
     interpolate,

@@ -1,0 +1,348 @@
+"""What a planner imagines, drawn over a frame: the paths of its roll-outs, coloured by their returns (Sec. 5.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visualrhp.rendering.drawing import (
+    FAINT_INK,
+    INK,
+    PAPER,
+    TARGET,
+    Canvas,
+    Colour,
+    mix,
+    text,
+    text_width,
+)
+from visualrhp.rendering.video import Frame
+from visualrhp.scene import Scene, geometry
+from visualrhp.simulation import task
+from visualrhp.types import FloatArray, State
+
+DROPPED: Colour = (200, 30, 30)
+DIVERGED: Colour = (120, 122, 128)
+
+_DARKEST, _BRIGHTEST = 10, 222  # of the 256 colours of plasma: the brightest would not show on the surface
+_MAP = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[None], cv2.COLORMAP_PLASMA)[0, :, ::-1]
+_STILL = 0.002
+"""Displacement of an object below which its path is not drawn [m]."""
+_LEAST_SIZE_WITH_RETURNS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class ImaginedPath:
+    """One roll-out of a planner, as something to look at.
+
+    Attributes:
+        states: the states passed through, the current state first; at least one.
+        value: its return (Eq. 3); minus infinity if the physics diverged.
+        is_chosen: whether its first action is the one that the planner takes.
+    """
+
+    states: tuple[State, ...]
+    value: float
+    is_chosen: bool = False
+
+    @property
+    def is_diverged(self) -> bool:
+        """Whether it has no return."""
+        return not math.isfinite(self.value)
+
+
+def value_colours(paths: Sequence[ImaginedPath]) -> list[Colour]:
+    """A colour for each path: from dark violet (the lowest return of all) to yellow (the highest); grey if diverged.
+
+    The colours are evenly spaced to the eye (plasma). A single return has the colour of the highest.
+    """
+    low, high = value_range(paths)
+    return [DIVERGED if path.is_diverged else _colour_of(path.value, low, high) for path in paths]
+
+
+def value_range(paths: Sequence[ImaginedPath]) -> tuple[float, float]:
+    """Lowest and highest return of the paths that have one; (0, 0) if none has."""
+    values = [path.value for path in paths if not path.is_diverged]
+    return (min(values), max(values)) if values else (0.0, 0.0)
+
+
+def _colour_of(value: float, low: float, high: float) -> Colour:
+    share = (value - low) / (high - low) if high > low else 1.0
+    red, green, blue = _MAP[round(_DARKEST + share * (_BRIGHTEST - _DARKEST))].tolist()
+    return red, green, blue
+
+
+# --------------------------------------------------------------------------------------------------- over the picture
+def draw_paths(canvas: Canvas, paths: Sequence[ImaginedPath]) -> None:
+    """Draw the paths of the gripper and of the desired object, and the outlines of where they end.
+
+    The gripper's path is a line with a dot at every state, the largest at its end; the desired object's, if it moves, is
+    dotted. The chosen one is bold and on top. A cross ends a path that diverges (grey) or drops an object (red, at that
+    object); a green ring one that reaches the goal.
+    """
+    colours = value_colours(paths)
+    order = sorted(range(len(paths)), key=lambda i: (paths[i].is_chosen, paths[i].value))
+    before = canvas.picture.copy()
+    for i in order:
+        if not paths[i].is_chosen:
+            _draw_ghost(canvas, paths[i], colours[i])
+    cv2.addWeighted(before, 0.45, canvas.picture, 0.55, 0.0, canvas.picture)
+    for i in order:
+        if paths[i].is_chosen:
+            canvas.veil([(outline, colours[i]) for outline in _ghost(canvas.scene, paths[i])], 0.35)
+            _draw_ghost(canvas, paths[i], colours[i])
+    for i in order:
+        _draw_path(canvas, paths[i], colours[i])
+    for i in order:
+        _draw_end(canvas, paths[i], colours[i])
+
+
+def _draw_ghost(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
+    width = 0.0026 if path.is_chosen else 0.0016
+    for outline in _ghost(canvas.scene, path):
+        closed = np.vstack([outline, outline[:1]])
+        canvas.line(closed, PAPER, width + 0.0018)
+        canvas.line(closed, colour, width)
+
+
+def _ghost(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
+    """Outlines of the gripper and of the objects that moved, at the end of a path."""
+    start, end = path.states[0], path.states[-1]
+    if len(path.states) == 1:
+        return []
+    outlines = list(scene.gripper.outlines(end.robot_pose, end.gripper_opening))
+    if _moves(path, 0):
+        outlines.append(geometry.to_world(scene.objects[0].outline, end.object_poses[0]))
+    fallen = [i for i in range(1, start.num_objects) if _is_off(scene, end.object_poses[i])]
+    return outlines + [geometry.to_world(scene.objects[i].outline, end.object_poses[i]) for i in fallen]
+
+
+def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
+    gripper = np.array([state.robot_pose[:2] for state in path.states])
+    width = 0.0056 if path.is_chosen else 0.0032
+    casing = INK if path.is_chosen else PAPER
+    if len(gripper) > 1:
+        canvas.line(gripper, casing, width + 0.003)
+        canvas.line(gripper, colour, width)
+    for index, position in enumerate(gripper[1:], start=1):
+        radius = (1.3 if index == len(gripper) - 1 else 0.75) * width
+        canvas.dot(position, radius + 0.0015, casing)
+        canvas.dot(position, radius, colour)
+    if _moves(path, 0):
+        desired = np.array([state.object_poses[0, :2] for state in path.states])
+        for position in _beads(desired, 0.0085 if path.is_chosen else 0.0075):
+            canvas.dot(position, 0.5 * width + 0.0013, casing)
+            canvas.dot(position, 0.5 * width, colour)
+
+
+def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
+    end = path.states[-1]
+    if path.is_diverged:
+        _cross(canvas, end.robot_pose[:2], DIVERGED)
+        return
+    for pose in end.object_poses:
+        if _is_off(canvas.scene, pose):
+            _cross(canvas, pose[:2], DROPPED)
+    if task.is_goal(canvas.scene, end) and not task.is_dropped(canvas.scene, end):
+        for radius, ring in ((0.0125, PAPER), (0.0115, TARGET), (0.008, PAPER), (0.007, colour)):
+            canvas.dot(end.object_poses[0, :2], radius, ring)
+
+
+def _cross(canvas: Canvas, centre: FloatArray, colour: Colour) -> None:
+    size = canvas.size_of(0.011)
+    for width, ink in ((0.0085, PAPER), (0.005, colour)):
+        for arm in ((1.0, 1.0), (1.0, -1.0)):
+            canvas.line(np.array([centre - np.multiply(arm, size), centre + np.multiply(arm, size)]), ink, width)
+
+
+def _moves(path: ImaginedPath, index: int) -> bool:
+    start = path.states[0].object_poses[index]
+    return any(
+        math.hypot(*(state.object_poses[index, :2] - start[:2])) > _STILL
+        or abs(state.object_poses[index, 2] - start[2]) > 0.1
+        for state in path.states[1:]
+    )
+
+
+def _is_off(scene: Scene, pose: FloatArray) -> bool:
+    return not geometry.contains(scene.edges, float(pose[0]), float(pose[1]))
+
+
+def _beads(points: FloatArray, spacing: float) -> FloatArray:
+    """[N, 2] points along a polyline at equal distances, both ends included."""
+    lengths = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    at = np.linspace(0.0, lengths[-1], max(2, round(lengths[-1] / spacing) + 1))
+    return np.stack([np.interp(at, lengths, points[:, axis]) for axis in range(2)], axis=1)
+
+
+# ------------------------------------------------------------------------------------------------------------- returns
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom [px]; right and bottom are outside."""
+
+
+def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], taken: Sequence[Box] = ()) -> list[Box]:
+    """Write the return of each path beside its end, where there is room.
+
+    The chosen one comes first, then the others from the highest return down; one that would cover another label, the
+    end of a path, a box of ``taken``, or leave the picture is moved around its end, and left out if nothing helps.
+    Pictures below 200 pixels have no room for words.
+
+    Returns:
+        The boxes of the labels drawn.
+    """
+    side = canvas.size_px
+    if side < _LEAST_SIZE_WITH_RETURNS:
+        return []
+    colours = value_colours(paths)
+    text_px = max(9, round(side / 40))
+    pad = max(2, round(text_px / 4))
+    ends = [canvas.frame_pixels(path.states[-1].robot_pose[None, :2])[0] for path in paths]
+    starts = [canvas.frame_pixels(path.states[0].robot_pose[None, :2])[0] for path in paths]
+    order = sorted(range(len(paths)), key=lambda i: (not paths[i].is_chosen, -paths[i].value))
+    drawn: list[Box] = []
+    written: list[tuple[str, FloatArray]] = []
+    for i in order:
+        path, end = paths[i], ends[i]
+        words = "diverged" if path.is_diverged else number(path.value)
+        if any(words == other and np.hypot(*(end - at)) < text_px for other, at in written):
+            continue  # discrete roll-outs are often the same
+        weight = 700 if path.is_chosen else 500
+        width, height = text_width(words, text_px, weight) + 2 * pad, text_px + 2 * pad
+        heading = math.atan2(*(end - starts[i])[::-1]) if np.hypot(*(end - starts[i])) > 1.0 else -math.pi / 2
+        for box in _places(end, heading, width, height, 0.7 * text_px):
+            inside = min(box[:2]) >= 1 and max(box[2:]) <= side - 1
+            covers = any(_inside(other, box, 2) for other in ends)
+            if inside and not covers and not any(_overlap(box, other, 2) for other in (*drawn, *taken)):
+                break
+        else:
+            continue
+        _label(picture, box, end, words, text_px, pad, weight, colours[i], path.is_chosen)
+        drawn.append(box)
+        written.append((words, end))
+    return drawn
+
+
+def number(value: float) -> str:
+    """A return in as many digits as can be told apart at a glance."""
+    return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
+
+
+def _places(end: FloatArray, heading: float, width: int, height: int, gap: float) -> list[Box]:
+    """Boxes around ``end``: in the direction of the path first, then further round and further away."""
+    boxes = []
+    for distance in (gap, 2.2 * gap, 4.0 * gap, 6.5 * gap):
+        for turn in (0, 1, -1, 2, -2, 3, -3, 4):
+            angle = heading + turn * math.pi / 4
+            dx, dy = math.cos(angle), math.sin(angle)
+            # The centre of a box whose border is ``distance`` away.
+            reach = min(0.5 * width / max(abs(dx), 1e-6), 0.5 * height / max(abs(dy), 1e-6)) + distance
+            left, top = round(end[0] + reach * dx - 0.5 * width), round(end[1] + reach * dy - 0.5 * height)
+            boxes.append((left, top, left + width, top + height))
+    return boxes
+
+
+def _label(
+    picture: Frame,
+    box: Box,
+    end: FloatArray,
+    words: str,
+    text_px: int,
+    pad: int,
+    weight: int,
+    colour: Colour,
+    is_chosen: bool,
+) -> None:
+    left, top, right, bottom = box
+    nearest = (round(min(max(end[0], left), right - 1)), round(min(max(end[1], top), bottom - 1)))
+    cv2.line(picture, (round(end[0]), round(end[1])), nearest, INK if is_chosen else colour, 1, cv2.LINE_AA)
+    border = max(1, round(text_px / 10)) + is_chosen
+    picture[top:bottom, left:right] = INK if is_chosen else PAPER
+    picture[top + border : bottom - border, left + border : right - border] = colour
+    red, green, blue = colour
+    ink = INK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else PAPER
+    text(picture, words, left + pad, bottom - pad - round(0.14 * text_px), ink, text_px, weight)
+
+
+def _inside(point: FloatArray, box: Box, gap: int) -> bool:
+    left, top, right, bottom = box
+    return bool(left - gap <= point[0] <= right + gap and top - gap <= point[1] <= bottom + gap)
+
+
+def _overlap(box: Box, other: Box, gap: int) -> bool:
+    return box[0] < other[2] + gap and other[0] < box[2] + gap and box[1] < other[3] + gap and other[1] < box[3] + gap
+
+
+# -------------------------------------------------------------------------------------------------------------- legend
+def legend_bar(scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int) -> Frame:
+    """A bar to go below a frame: how many roll-outs there are, and which return has which colour.
+
+    Every return has a tick on the scale, the chosen one a triangle above it.
+
+    Returns:
+        [height, width, 3] uint8 RGB.
+    """
+    bar = np.full((height, width, 3), PAPER, dtype=np.uint8)
+    bar[: max(1, height // 28)] = mix(PAPER, INK, 0.15)
+    if not paths:
+        return bar
+    text_px = max(9, round(0.4 * height))
+    margin = round(0.35 * height)
+    baseline = round(0.5 * height + 0.36 * text_px)
+    right = _draw_scale(bar, paths, width - margin, baseline, text_px)
+    room = right - 2 * margin
+    for words in _summaries(scene, paths):
+        if text_width(words, text_px, 400) <= room:
+            text(bar, words, margin, baseline, FAINT_INK, text_px, 400)
+            break
+    return bar
+
+
+def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline: int, text_px: int) -> int:
+    """Draw "low [colours] high" so that it ends at column ``right``; returns the column where it begins."""
+    height, width = bar.shape[:2]
+    values = [path.value for path in paths if not path.is_diverged]
+    if not values:
+        return right
+    low, high = value_range(paths)
+    gap = round(0.5 * text_px)
+    right -= text_width(number(high), text_px, 600)
+    text(bar, number(high), right, baseline, INK, text_px, 600)
+    length = max(16, min(round(0.26 * width), 8 * height))
+    end = right - gap
+    start = end - length
+    top, bottom = round(0.42 * height), round(0.72 * height)
+    shares = np.linspace(0.0, 1.0, length)
+    bar[top:bottom, start:end] = [_colour_of(share, 0.0, 1.0) for share in shares.tolist()]
+    for path in paths:
+        if path.is_diverged:
+            continue
+        share = (path.value - low) / (high - low) if high > low else 1.0
+        column = start + round(share * (length - 1))
+        bar[top - max(1, height // 20) : bottom + max(2, height // 14), column : column + max(1, height // 36)] = INK
+        if path.is_chosen:
+            half = max(3, round(0.11 * height))
+            corners = [(column - half, top - 2 * half), (column + half, top - 2 * half), (column, top - 1)]
+            cv2.fillPoly(bar, [np.array(corners, dtype=np.int32)], INK, cv2.LINE_AA)
+    left = start - gap - text_width(number(low), text_px, 600)
+    text(bar, number(low), left, baseline, INK, text_px, 600)
+    return left
+
+
+def _summaries(scene: Scene, paths: Sequence[ImaginedPath]) -> list[str]:
+    """What there is to see in words, the longest first."""
+    diverged = sum(path.is_diverged for path in paths)
+    dropping = sum(task.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
+    count = f"{len(paths)} imagined roll-out{'s' if len(paths) > 1 else ''}"
+    remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
+    short = count.replace("imagined ", "")
+    return [
+        f"{', '.join([count, *remarks])}: returns",
+        ", ".join([count, *remarks]),
+        ", ".join([short, *remarks]),
+        ", ".join(remarks) or short,
+        f"{len(paths)}",
+    ]
