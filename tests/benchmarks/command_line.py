@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from tests.benchmarks.timing import Effort, compare, show_title, timed
@@ -24,8 +25,8 @@ def run(effort: Effort) -> None:
             arguments = ("-m", f"pipelines.{pipeline}", *question)
             compare(
                 f"python {' '.join(arguments)}",
-                timed(lambda a=arguments: _answer(*a)),
-                timed(lambda: _answer("-c", "import hydra")),
+                timed(lambda a=arguments: _answer(*a), clock=time.perf_counter),
+                timed(lambda: _answer("-c", "import hydra"), clock=time.perf_counter),
                 "python -c 'import hydra'",
                 repetitions,
             )

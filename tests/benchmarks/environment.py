@@ -17,15 +17,15 @@ def _step_seconds(environment: gymnasium.Env, walks: list[w.Walk]) -> float:
     total = 0.0
     for walk in walks:
         environment.reset(seed=w.SEED, options={"instance": walk.index})
-        start = time.perf_counter()
+        start = time.process_time()
         for action in walk.actions:
             environment.step(action)
-        total += time.perf_counter() - start
+        total += time.process_time() - start
     return total / w.count(walks)
 
 
 def run(effort: Effort) -> None:
-    show_title("Gymnasium environment (random walks towards the objects; without Gymnasium's environment checker)")
+    show_title("Gymnasium environment (noisy walks towards the objects; without Gymnasium's environment checker)")
     spaces: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
     for num_objects in (1, 4, 7):
         for space in spaces:

@@ -23,8 +23,8 @@ from visualrhp.simulation import Physics
 REPOSITORY = Path(__file__).resolve().parents[2]
 ENVIRONMENTS = Path(sys.prefix) / "peers"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "agg"}
-_ROBOT_BODIES, _ROBOT_SHAPES = 4, 3
-"""Palm, two fingers and the arm that couples them, which has no shape."""
+_ROBOT_BODIES, _ROBOT_SHAPES, _ROBOT_JOINTS = 4, 3, 10
+"""Palm, two fingers and the arm that couples them, which has no shape; an object adds one, one and two."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ def _ours(observation: str, space: str, num_objects: int) -> Contestant:
             "iterations": physics.iterations,
             "bodies": _ROBOT_BODIES + num_objects,
             "shapes": _ROBOT_SHAPES + num_objects,
+            "joints": _ROBOT_JOINTS + 2 * num_objects,
         },
     )
 
@@ -160,7 +161,7 @@ def _show_facts(name: str, facts: dict[str, Any]) -> None:
     shape = " x ".join(str(length) for length in facts["observation"]) + f" {facts['dtype']}"
     print(
         f"{name:<40} {facts['substeps'] * facts['time_step']:8.2f} {facts['substeps']:9.0f} {facts['time_step']:8.3f} "
-        f"{facts['iterations']:11} {facts['bodies']:7} {facts['shapes']:7}  {shape}"
+        f"{facts['iterations']:11} {facts['bodies']:7} {facts['shapes']:7} {facts['joints']:7}  {shape}"
     )
 
 
@@ -202,7 +203,7 @@ def run(effort: Effort) -> None:
 
 def _measure(workers: dict[str, _Worker], effort: Effort) -> None:
     print(f"\n{'a step simulates':<40} {'seconds':>8} {'substeps':>9} {'s each':>8} {'iterations':>11}", end="")
-    print(f" {'bodies':>7} {'shapes':>7}  observation or picture")
+    print(f" {'dynamic':>7} {'shapes':>7} {'joints':>7}  observation or picture")
     facts = {name: worker.facts for name, worker in workers.items()}
     for name in workers:
         _show_facts(name, facts[name])

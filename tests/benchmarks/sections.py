@@ -20,7 +20,7 @@ def run_section(name: str, effort: Effort) -> None:
         sys.modules["torch"].set_num_threads(1)
     imported = _peak_memory()
     section.run(effort)
-    print(f"peak memory of {name}: {_peak_memory():.0f} MiB, {imported:.0f} MiB of it by the imports", flush=True)
+    print(f"peak memory of {name}: {_peak_memory():.0f} MiB; with the imports alone {imported:.0f} MiB", flush=True)
 
 
 def run_apart(name: str, effort: Effort) -> bool:

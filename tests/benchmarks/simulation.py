@@ -45,7 +45,7 @@ def _replayed_fills(walk: w.Walk, state: State) -> Stopwatch:
 
 
 def run(effort: Effort) -> None:
-    show_title("Simulator (contacts: random walks towards the objects)")
+    show_title("Simulator (noisy walks towards the objects)")
     for num_objects in NUM_OBJECTS:
         walks = w.random_walks(num_objects, effort.motions)
         simulators = w.simulators(walks)

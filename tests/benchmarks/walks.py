@@ -1,4 +1,4 @@
-"""Random walks towards the objects, and the bare Chipmunk loop that goes the same way."""
+"""Noisy walks towards the objects, and the bare Chipmunk loop that goes the same way."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from visualrhp.types import Action, ActionSpaceName, State
 SEED = 0
 SPLIT = Split.TUNING
 _LENGTH = 10
-_FORWARD = [0.4, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, 0.05]
 
 
 @dataclass(frozen=True)
@@ -49,11 +48,19 @@ class Walk:
         return sum(not np.array_equal(before, after) for before, after in itertools.pairwise(poses))
 
 
-def _action(space: ActionSpaceName, rng: np.random.Generator) -> Action:
-    """Mostly forward, where the objects are."""
+def _action(space: ActionSpaceName, state: State, rng: np.random.Generator) -> Action:
+    """Roughly towards the nearest object, and on where it is."""
+    x, y, theta = state.robot_pose
+    c, s = math.cos(theta), math.sin(theta)
+    ahead = (state.object_poses[:, :2] - (x, y)) @ [[c, -s], [s, c]]
+    forward, left = ahead[np.argmin(np.linalg.norm(ahead, axis=1))]
     if space == "discrete":
-        return int(rng.choice(8, p=_FORWARD))
-    return np.append(rng.uniform([-0.2, -0.5, -0.5], [1.0, 0.5, 0.5]), rng.choice([-1.0, 1.0])).astype(np.float32)
+        if rng.random() < 0.3:
+            return int(rng.integers(8))
+        return 0 if forward > abs(left) else 2 if left > 0.0 else 3
+    wanted = [max(forward / 0.1, 0.3), left / 0.1, math.atan2(left, max(forward, 0.05)) / math.radians(50.0)]
+    action = np.append(np.clip(wanted, -1.0, 1.0) + rng.normal(0.0, 0.2, 3), rng.choice([-1.0, 1.0]))
+    return np.clip(action, -1.0, 1.0)
 
 
 def distribution(num_objects: int) -> SceneDistribution:
@@ -70,7 +77,7 @@ def random_walks(num_objects: int, motions: int, space: ActionSpaceName = "conti
         rng = np.random.default_rng(index)
         actions, states = [], [instance.state]
         while len(actions) < min(_LENGTH, missing):
-            actions.append(_action(space, rng))
+            actions.append(_action(space, states[-1], rng))
             transition = model.simulate(states[-1], actions[-1])
             states.append(transition.next_state)
             if transition.is_terminal:
@@ -104,7 +111,7 @@ class BareLoop:
         self._theta += motion.rotation
         guide, motor, step = simulator._guide.pointer, simulator._motor.pointer, lib.cpSpaceStep
         time_step = physics.time_step
-        start = time.perf_counter()
+        start = time.process_time()
         lib.cpSimpleMotorSetRate(motor, simulator._closing_rate if self._closed else -simulator._closing_rate)
         lib.cpBodySetVelocity(guide, velocity)
         lib.cpBodySetAngularVelocity(guide, motion.rotation / duration)
@@ -114,7 +121,7 @@ class BareLoop:
         lib.cpBodySetAngularVelocity(guide, 0.0)
         for _ in range(physics.settle_steps):
             step(space, time_step)
-        return time.perf_counter() - start
+        return time.process_time() - start
 
     def state(self) -> State:
         """Where the world is now."""
@@ -155,11 +162,11 @@ def bare_pushes(walks: list[Walk], of: list[Simulator]) -> int:
 
 def advance_seconds(walks: list[Walk], of: list[Simulator]) -> float:
     """Time of a motion in the exact simulator [s], the mean over ``walks``."""
-    start = time.perf_counter()
+    start = time.process_time()
     for walk, simulator in zip(walks, of, strict=True):
         for state, motion in zip(walk.states, walk.motions, strict=False):
             simulator.advance(state, motion)
-    return (time.perf_counter() - start) / count(walks)
+    return (time.process_time() - start) / count(walks)
 
 
 def count(walks: list[Walk]) -> int:

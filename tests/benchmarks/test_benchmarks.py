@@ -1,0 +1,49 @@
+"""The benchmarks still run: not how fast anything is."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tests.benchmarks", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_cheap_sections_print_their_rows() -> None:
+    answer = _run("--quick", "simulation", "environment")
+    assert answer.returncode == 0, answer.stderr
+    for num_objects in ("1 object", "4 objects", "7 objects"):
+        for row in ("advance, {}", "set state and get state, {}", "label image, {}", "step, {}, discrete, cartesian"):
+            found = re.search(f"^{row.format(num_objects)}.* of (the bare Chipmunk loop|filling)", answer.stdout, re.M)
+            assert found, (row, num_objects)
+    assert answer.stdout.count("peak memory of") == 2
+
+
+def test_steps_of_an_environment_are_counted() -> None:
+    """Those of ours, by the file that steps the peers' environments too."""
+    wanted = {"module": "visualrhp", "id": "visualrhp/ClutterManipulation-v0", "arguments": {}, "draws": False}
+    answer = subprocess.run(
+        [sys.executable, ROOT / "tests" / "benchmarks" / "steps.py", json.dumps(wanted)],
+        cwd=ROOT,
+        input="0.01\n0.01\n",
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    facts, *rounds = map(json.loads, answer.stdout.splitlines())
+    assert facts == {"observation": [64, 64], "dtype": "uint8"}
+    assert len(rounds) == 2
+    assert all(r["steps"] >= 1 and r["step_time"] >= 0.01 and r["memory"] > 0.0 for r in rounds)
+
+
+def test_unknown_section() -> None:
+    answer = _run("speed")
+    assert answer.returncode == 2
+    assert "no section speed" in answer.stderr
