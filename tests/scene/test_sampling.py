@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 import shapely
 
 from visualrhp.errors import ConfigError
-from visualrhp.scene import SceneDistribution, Split, generator_for, geometry, sample_task_instance
+from visualrhp.scene import (
+    Graspability,
+    SceneDistribution,
+    Split,
+    check_start,
+    generator_for,
+    geometry,
+    graspability,
+    sample_task_instance,
+)
 from visualrhp.scene.sampling import SIZE_CLASSES
 from visualrhp.types import ObjectSize
 
@@ -29,6 +40,7 @@ def test_start_is_free_of_contact_and_unsolved(size: ObjectSize) -> None:
         assert np.hypot(*(state.object_poses[0, :2] - scene.target.position)) > scene.target.radius
         assert geometry.contains(scene.edges, *state.robot_pose[:2])
         assert not state.gripper_closed
+        check_start(scene, state)
 
 
 def test_an_instance_depends_on_seed_split_and_index_alone() -> None:
@@ -60,23 +72,14 @@ def test_density_is_uniform_over_its_range() -> None:
     assert counts[1:] == pytest.approx(100, abs=40)
 
 
-def widths(outline: np.ndarray) -> np.ndarray:
-    """Width of a polygon in each of 180 directions."""
-    angles = np.radians(np.arange(180))
-    extents = outline @ np.stack([np.cos(angles), np.sin(angles)])
-    return extents.max(axis=0) - extents.min(axis=0)
-
-
-def test_the_pool_holds_each_kind_of_graspability() -> None:
-    """Sec. 7: graspable from any direction, from some directions, and too large, a good share of each."""
-    kinds = []
-    for index in range(100):
-        scene = sample_task_instance(SceneDistribution(), 0, Split.TUNING, index).scene
-        for shape in scene.objects:
-            fits = widths(shape.outline) < 0.98 * scene.gripper.stroke
-            kinds.append("always" if fits.all() else "sometimes" if fits.any() else "never")
-    shares = {kind: kinds.count(kind) / len(kinds) for kind in ("always", "sometimes", "never")}
-    assert min(shares.values()) > 0.15, shares
+def test_the_pool_holds_a_good_share_of_each_graspability() -> None:
+    """Sec. 7: graspable from any direction, from some directions, and too large; docs/scenes.md reports the shares."""
+    distribution = SceneDistribution()
+    scenes = [sample_task_instance(distribution, 0, Split.TUNING, index).scene for index in range(200)]
+    kinds = [graspability(shape, scene.gripper.stroke) for scene in scenes for shape in scene.objects]
+    shares = {kind: kinds.count(kind) / len(kinds) for kind in get_args(Graspability)}
+    assert len(kinds) > 700
+    assert min(shares.values()) > 0.2, shares
 
 
 def test_average_size_grows_with_the_size_class() -> None:

@@ -1,12 +1,16 @@
-"""What a problem is: surface, target region, objects, and random instances of it."""
+"""What a problem is: surface, target region, objects; random instances of it, and instances from files."""
 
+from visualrhp.scene.graspability import Graspability, graspability
 from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.noise import NOISE_LEVELS, NoiseLevel, perturb
 from visualrhp.scene.sampling import SceneDistribution, Split, generator_for, sample_task_instance
 from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance
+from visualrhp.scene.start import MAX_START_OVERLAP, check_start
 
 __all__ = [
+    "MAX_START_OVERLAP",
     "NOISE_LEVELS",
+    "Graspability",
     "Gripper",
     "NoiseLevel",
     "ObjectShape",
@@ -15,7 +19,9 @@ __all__ = [
     "Split",
     "TargetRegion",
     "TaskInstance",
+    "check_start",
     "generator_for",
+    "graspability",
     "perturb",
     "sample_task_instance",
 ]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from visualrhp.errors import SceneError
 from visualrhp.scene.geometry import to_world
 from visualrhp.types import FloatArray
+
+MAX_STROKE = 0.1
+"""Largest stroke [m] that the mechanism which opens and closes the simulated fingers can span."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +28,9 @@ class Gripper:
         palm_length: longitudinal.
         palm_front_width: width of the palm at the fingers.
         palm_back_width: width of the palm at the wrist.
+
+    Raises:
+        SceneError: a length is not positive, or the stroke is larger than :data:`MAX_STROKE`.
     """
 
     stroke: float = 0.085
@@ -32,6 +40,13 @@ class Gripper:
     palm_length: float = 0.06
     palm_front_width: float = 0.10
     palm_back_width: float = 0.075
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not (getattr(self, name) > 0.0 and math.isfinite(getattr(self, name))):
+                raise SceneError(f"the gripper's {name} is {getattr(self, name)}; it must be positive [m]")
+        if self.stroke > MAX_STROKE:
+            raise SceneError(f"the gripper's stroke is {self.stroke} m; it can be at most {MAX_STROKE} m")
 
     @property
     def palm(self) -> FloatArray:

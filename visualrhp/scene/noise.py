@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
-import shapely
 
 from visualrhp.errors import SceneError
+from visualrhp.scene import geometry
 from visualrhp.scene.scene import ObjectShape, Scene
-from visualrhp.types import FloatArray
 
 NoiseLevel = Literal["none", "low", "medium", "high"]
 
@@ -22,13 +22,16 @@ _ATTEMPTS = 1000
 def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scene:
     """A scene whose objects' parameters are drawn from Gaussians around those of ``scene``.
 
-    Every vertex's distance from the centre of mass, and each object's friction and density, has the standard deviation
-    ``relative_std`` times its mean. The desired object, edges and target stay what and where they are; masses follow.
+    Every vertex's distance from the centre of mass, and each object's friction and density, is drawn independently and
+    has the standard deviation ``relative_std`` times its mean. The desired object, edges and target stay what and where
+    they are; masses follow. A convex outline stays convex: a vertex that ends up within the hull of the others is left
+    out. Any other outline stays simple: vertices that make it cross itself, or too thin, are drawn anew. The body frame
+    moves with the centre of mass, so that poses keep their meaning.
 
     Raises:
-        SceneError: ``relative_std`` is negative, or so large that no convex outline is found.
+        SceneError: ``relative_std`` is negative or not finite, or so large that no valid outline is found.
     """
-    if relative_std < 0.0:
+    if not (relative_std >= 0.0 and math.isfinite(relative_std)):
         raise SceneError(f"the relative standard deviation of the noise is {relative_std}; it must not be negative")
     if relative_std == 0.0:
         return scene
@@ -39,11 +42,12 @@ def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scen
 def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Generator) -> ObjectShape:
     density = shape.density * _positive_factor(relative_std, rng)
     friction = shape.friction * _positive_factor(relative_std, rng)
+    convex = geometry.is_convex(shape.outline)
     for _ in range(_ATTEMPTS):
         outline = shape.outline * (1.0 + relative_std * rng.standard_normal((len(shape.outline), 1)))
         try:
-            return ObjectShape.centred(_convex_hull(outline), density, friction)
-        except SceneError:  # a polygon with long odds (a sliver): draw its vertices anew
+            return ObjectShape.centred(geometry.convex_hull(outline) if convex else outline, density, friction)
+        except SceneError:  # not a simple polygon, or a sliver: draw its vertices anew
             continue
     raise SceneError(f"noise of relative standard deviation {relative_std} leaves no valid outline of an object")
 
@@ -53,9 +57,3 @@ def _positive_factor(relative_std: float, rng: np.random.Generator) -> float:
     while (factor := 1.0 + relative_std * rng.standard_normal()) <= 0.0:
         pass
     return float(factor)
-
-
-def _convex_hull(points: FloatArray) -> FloatArray:
-    """Vertices of the convex hull, counter-clockwise."""
-    hull = shapely.MultiPoint(points).convex_hull
-    return shapely.get_coordinates(shapely.orient_polygons(hull))[:-1]

@@ -7,47 +7,39 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
+from visualrhp.scene.decomposition import convex_parts
 from visualrhp.scene.gripper import Gripper
+from visualrhp.scene.polygons import (
+    MAX_COORDINATE,
+    MIN_OBJECT_AREA,
+    MIN_OBJECT_THICKNESS,
+    checked_polygon,
+    read_only,
+)
 from visualrhp.types import FloatArray, IntArray, State
 
-MIN_OBJECT_AREA = 1e-5
-"""Smallest area of an object [m^2]; below it (3 mm x 3 mm) the outline is taken for degenerate."""
+__all__ = [
+    "CENTRE_TOLERANCE",
+    "MIN_OBJECT_AREA",
+    "MIN_OBJECT_THICKNESS",
+    "ObjectShape",
+    "Scene",
+    "TargetRegion",
+    "TaskInstance",
+    "read_only",
+    "square_edges",
+]
 
-_CENTRE_TOLERANCE = 1e-9
-_CONVEXITY_TOLERANCE = -1e-12
-
-
-def read_only(values: npt.ArrayLike) -> FloatArray:
-    """A float64 copy that cannot be written to."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
-
-
-def _polygon(values: npt.ArrayLike, what: str) -> FloatArray:
-    """A checked simple polygon [V, 2], counter-clockwise."""
-    polygon = read_only(values)
-    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
-        raise SceneError(f"{what} needs at least three vertices (x, y), not an array of shape {list(polygon.shape)}")
-    if not np.isfinite(polygon).all():
-        raise SceneError(f"{what} has a vertex that is not finite: {polygon.tolist()}")
-    if not shapely.Polygon(polygon).is_valid:
-        raise SceneError(f"{what} crosses or touches itself: {polygon.tolist()}; give a simple polygon")
-    if geometry.signed_area(polygon) < MIN_OBJECT_AREA:
-        raise SceneError(
-            f"{what} has the signed area {geometry.signed_area(polygon):.3g} m^2; at least {MIN_OBJECT_AREA:g} m^2 is "
-            "needed, with the vertices counter-clockwise"
-        )
-    return polygon
+CENTRE_TOLERANCE = 1e-9
+"""How far the centre of mass of an outline may be from the origin of its frame [m], in x and in y."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectShape:
-    """A rigid object: a convex outline of uniform density.
+    """A rigid object: a simple polygon, convex or not, of uniform density.
 
     Attributes:
         outline: [V, 2] vertices [m] in the body frame, whose origin is the centre of mass; counter-clockwise.
@@ -55,7 +47,8 @@ class ObjectShape:
         friction: Coulomb coefficient against the surface, and of its contacts.
 
     Raises:
-        SceneError: the outline is degenerate, not convex or not centred, or density or friction is not positive.
+        SceneError: the outline is degenerate (see :func:`visualrhp.scene.polygons.polygon_fault`) or not centred, or
+            density or friction is not positive.
     """
 
     outline: FloatArray
@@ -63,15 +56,12 @@ class ObjectShape:
     friction: float = 0.3
 
     def __post_init__(self) -> None:
-        outline = _polygon(self.outline, "an object's outline")
-        edge = np.roll(outline, -1, axis=0) - outline
-        following = np.roll(edge, -1, axis=0)
-        if (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0] < _CONVEXITY_TOLERANCE).any():
-            raise SceneError(f"an object's outline is not convex: {outline.tolist()}")
-        if np.abs(geometry.centroid(outline)).max() > _CENTRE_TOLERANCE:
+        outline = checked_polygon(self.outline, "an object's outline", solid=True)
+        centre = geometry.centroid(outline)
+        if np.abs(centre).max() > CENTRE_TOLERANCE:
             raise SceneError(
-                f"an object's outline has its centre of mass at {geometry.centroid(outline).tolist()}, not at the "
-                "origin of its frame; ObjectShape.centred moves it there"
+                f"an object's outline has its centre of mass at {centre.tolist()}, not at the origin of its frame; "
+                "ObjectShape.centred moves it there"
             )
         for name in ("density", "friction"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
@@ -80,11 +70,62 @@ class ObjectShape:
 
     @classmethod
     def centred(cls, outline: npt.ArrayLike, density: float = 1.0, friction: float = 0.3) -> ObjectShape:
-        """A shape from vertices in any frame, moved so that the centre of mass is the origin."""
-        outline = np.asarray(outline, dtype=np.float64)
+        """A shape from vertices in any frame, moved so that the centre of mass is the origin.
+
+        Raises:
+            SceneError: as the constructor.
+        """
+        return cls.located(outline, density, friction)[0]
+
+    @classmethod
+    def located(
+        cls, outline: npt.ArrayLike, density: float = 1.0, friction: float = 0.3
+    ) -> tuple[ObjectShape, FloatArray]:
+        """A shape from vertices in any frame, and the position [2] of its centre of mass in that frame.
+
+        Raises:
+            SceneError: as the constructor.
+        """
+        given = read_only(outline)
+        if not (given.size and np.abs(given).max() <= MAX_COORDINATE and given.ndim == 2 and len(given) > 2):
+            checked_polygon(given, "an object's outline", solid=True)
+        if not geometry.signed_area(given) > 0.0:  # without an area, it has no centre
+            checked_polygon(given, "an object's outline", solid=True)
+        moved, position = given, np.zeros(2)
         for _ in range(3):  # rounding leaves an offset that a second shift removes
-            outline = outline - geometry.centroid(outline)
-        return cls(outline, density, friction)
+            shift = geometry.centroid(moved)
+            moved = moved - shift
+            position = position + shift
+        try:
+            return cls(moved, density, friction), position
+        except SceneError:
+            checked_polygon(given, "an object's outline", solid=True)  # speaks of the vertices that were given
+            raise
+
+    @classmethod
+    def from_contour(
+        cls, points: npt.ArrayLike, tolerance: float = 1e-3, density: float = 1.0, friction: float = 0.3
+    ) -> ObjectShape:
+        """A shape from a contour as a camera gives it: hundreds of points [N, 2], in any frame and either direction.
+
+        The outline departs from the contour by at most ``tolerance`` [m] and is centred. For the place of its centre
+        in the frame of the points, use :func:`visualrhp.scene.geometry.simplify_contour` and :meth:`located`.
+
+        Raises:
+            SceneError: the contour is degenerate, or as the constructor.
+        """
+        return cls.centred(geometry.simplify_contour(points, tolerance), density, friction)
+
+    @cached_property
+    def convex_parts(self) -> tuple[FloatArray, ...]:
+        """Convex polygons [V, 2] in the body frame, counter-clockwise, whose union is the outline; they may overlap.
+
+        The outline itself, to the bit, if it is convex.
+        """
+        parts = convex_parts(self.outline)
+        for part in parts:
+            part.setflags(write=False)
+        return parts
 
     @cached_property
     def area(self) -> float:
@@ -169,7 +210,7 @@ class Scene:
     gripper: Gripper = field(default_factory=Gripper)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "edges", _polygon(self.edges, "the surface"))
+        object.__setattr__(self, "edges", checked_polygon(self.edges, "the surface", solid=False))
         object.__setattr__(self, "objects", tuple(self.objects))
         if not self.objects:
             raise SceneError("a scene has no objects; the desired object comes first")
@@ -199,7 +240,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class TaskInstance:
-    """A scene and the state from which the task starts."""
+    """A scene and the state from which the task starts.
+
+    What is cheap to see is checked here. A start that comes from outside (a file, a camera, a caller) should also go
+    through :func:`visualrhp.scene.start.check_start`, which looks for bodies that overlap.
+
+    Raises:
+        SceneError: another number of poses than objects, a number that is not finite, or an opening out of range.
+    """
 
     scene: Scene
     state: State
@@ -207,3 +255,10 @@ class TaskInstance:
     def __post_init__(self) -> None:
         if self.state.num_objects != self.scene.num_objects:
             raise SceneError(f"the state has {self.state.num_objects} objects and the scene {self.scene.num_objects}")
+        if not np.isfinite(self.state.vector).all():
+            raise SceneError(f"the state has a number that is not finite: {self.state.vector.tolist()}")
+        if not 0.0 <= self.state.gripper_opening <= self.scene.gripper.stroke:
+            raise SceneError(
+                f"the gripper's opening is {self.state.gripper_opening} m; it ranges from 0 to the stroke, "
+                f"{self.scene.gripper.stroke} m"
+            )

@@ -1,0 +1,103 @@
+"""Whether a state can be simulated from: what a task that was given from outside is checked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from visualrhp.errors import SceneError
+from visualrhp.scene import geometry
+from visualrhp.scene.polygons import MAX_COORDINATE
+from visualrhp.scene.scene import Scene
+from visualrhp.types import State
+
+MAX_START_OVERLAP = 2e-3
+"""How deep bodies may be in each other at the start [m]: what a jam between the fingers can leave behind."""
+
+
+class StartFault(NamedTuple):
+    """What is wrong with a start.
+
+    Attributes:
+        where: path of the field in a scene file, such as ("objects", 2, "pose").
+        message: what is wrong and what would be right.
+    """
+
+    where: tuple[str | int, ...]
+    message: str
+
+
+def check_start(scene: Scene, state: State) -> None:
+    """See to it that ``state`` is one from which ``scene`` can be simulated.
+
+    A state that the simulator returned passes, unless it dropped an object.
+
+    Raises:
+        SceneError: another number of objects than the scene, a number that is not finite, a commanded gripper state
+            that is neither 0 nor 1, an opening outside [0, stroke], an object whose centre is outside the edges, or
+            bodies that are more than :data:`MAX_START_OVERLAP` into each other (the gripper included). The message
+            has one line for each fault.
+    """
+    faults = list(start_faults(scene, state))
+    if faults:
+        raise SceneError("\n".join(f"{field_path(fault.where)}: {fault.message}" for fault in faults))
+
+
+def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
+    """Everything that :func:`check_start` finds wrong."""
+    if state.num_objects != scene.num_objects:
+        yield StartFault(("objects",), f"the state has {state.num_objects} objects and the scene {scene.num_objects}")
+        return
+    named = [(("robot", "pose"), state.robot_pose)]
+    named += [(("objects", number, "pose"), pose) for number, pose in enumerate(state.object_poses)]
+    lost = [
+        StartFault(where, f"is {pose.tolist()}; a pose is three finite numbers, the place within {MAX_COORDINATE:g} m")
+        for where, pose in named
+        if not (np.isfinite(pose).all() and np.abs(pose[:2]).max() <= MAX_COORDINATE)
+    ]
+    yield from lost
+    opening, closed, stroke = state.gripper_opening, float(state.vector[4]), scene.gripper.stroke
+    if closed not in (0.0, 1.0):
+        yield StartFault(("robot", "closed"), f"is {closed}; it is 1 (closed) or 0 (open)")
+    if not 0.0 <= opening <= stroke:
+        message = f"is {opening} m; it ranges from 0 to the stroke of the gripper, {stroke} m"
+        yield StartFault(("robot", "opening"), message)
+    elif not lost:
+        yield from _misplaced(scene, state)
+        yield from _overlapping(scene, state)
+
+
+def _misplaced(scene: Scene, state: State) -> Iterator[StartFault]:
+    for number, (x, y, _) in enumerate(state.object_poses.tolist()):
+        if not geometry.contains(scene.edges, x, y):
+            message = f"puts the centre of mass of objects[{number}] at ({x:.4g}, {y:.4g}), which is not on the surface"
+            yield StartFault(("objects", number, "pose"), message)
+
+
+def _overlapping(scene: Scene, state: State) -> Iterator[StartFault]:
+    """Pairs of bodies that still overlap when half the tolerance is taken off the border of each."""
+    placed = zip(scene.objects, state.object_poses, strict=True)
+    outlines = [geometry.to_world(shape.outline, pose) for shape, pose in placed]
+    outlines += scene.gripper.outlines(state.robot_pose, state.gripper_opening)
+    bodies = np.array([shapely.Polygon(outline) for outline in outlines])
+    count = scene.num_objects
+    names = [f"objects[{number}]" for number in range(count)] + ["the palm", "the left finger", "the right finger"]
+    first, second = np.triu_indices(len(bodies), 1)
+    first, second = first[first < count], second[first < count]  # parts of the gripper may touch each other
+    touching = shapely.intersects(bodies[first], bodies[second])
+    for a, b in zip(first[touching].tolist(), second[touching].tolist(), strict=True):
+        if shapely.intersects(*shapely.buffer(bodies[[a, b]], -0.5 * MAX_START_OVERLAP)):
+            x, y = shapely.get_coordinates(shapely.centroid(shapely.intersection(bodies[a], bodies[b])))[0]
+            message = (
+                f"objects[{a}] and {names[b]} overlap around ({x:.3f}, {y:.3f}) by more than "
+                f"{1e3 * MAX_START_OVERLAP:g} mm; move them apart"
+            )
+            yield StartFault(("objects", b if b < count else a, "pose"), message)
+
+
+def field_path(where: tuple[str | int, ...]) -> str:
+    """The path of a field as it is written in messages: objects[2].pose."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in where).lstrip(".")
