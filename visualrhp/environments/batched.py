@@ -6,22 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from visualrhp.environments.task import NUM_LABELS, ClutterTask, ObservationFunction, ObservationName, Outcome
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.environments.crew import Crew, make_crew
+from visualrhp.environments.slots import TaskFamily
+from visualrhp.environments.task import NUM_LABELS, ObservationFunction, ObservationName
+from visualrhp.errors import ActionError, CheckpointError, ConfigError
 from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
 from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
-from visualrhp.types import Action, ActionSpaceName, State
+from visualrhp.types import ActionSpaceName, State
 
-_ROBOT_DIMENSIONS = 5
+_SHOWN = ("observation", "gripper_closed", "state", "instance", "is_goal", "is_dropped")
 
 
 class BatchedClutterEnv(EnvBase):
@@ -59,6 +60,9 @@ class BatchedClutterEnv(EnvBase):
         seed: of the task instances.
         split: stream of the task instances.
         physics: of the simulation.
+        num_workers: processes that simulate and draw, each a share of the slots; 0 is this process. None chooses: a
+            process a core, if there are several and each gets 16 slots or more. Results do not depend on it. Workers
+            start with the first reset and end with :meth:`close`, the environment or this process.
 
     Attributes:
         observe: scene and state -> observation.
@@ -77,50 +81,66 @@ class BatchedClutterEnv(EnvBase):
         seed: int = 0,
         split: Split = Split.REINFORCEMENT,
         physics: Physics | None = None,
+        num_workers: int | None = None,
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs is the number of tasks solved side by side and at least 1, not {num_envs}")
+        if num_workers is not None and num_workers < 0:
+            raise ConfigError(f"num_workers is a number of processes, 0 for none beside this one, not {num_workers}")
         super().__init__(device=torch.device("cpu"), batch_size=(num_envs,))
         self.distribution = distribution
         self.split = split
         self._instance_seed = seed
         self.observe = ObservationFunction.for_distribution(observation, distribution)
         self.action_space = make_action_space(action_space)
-        self._tasks = [ClutterTask(distribution, self.action_space, physics) for _ in range(num_envs)]
+        self._family = TaskFamily(distribution, split, self.action_space.name, self.observe, physics or Physics())
+        self._num_workers = num_workers
         self._next_indices = list(range(num_envs))
-        self._seen: list[tuple[State, npt.NDArray[Any]] | None] = [None] * num_envs
-        self._state_dimension = _ROBOT_DIMENSIONS + 3 * distribution.num_objects[1]
+        self._crew: Crew | None = None
         self._make_specs()
 
     @property
     def num_envs(self) -> int:
         """Number N of tasks solved side by side."""
-        return len(self._tasks)
+        return self.batch_size[0]
 
     @property
     def scenes(self) -> list[Scene]:
         """The N scenes that are being worked on."""
-        return [task.instance.scene for task in self._tasks]
+        return self._started.scenes
 
     @property
     def states(self) -> list[State]:
         """The N current states."""
-        return [task.state for task in self._tasks]
+        return self._started.states
 
     @property
     def models(self) -> list[TransitionModel]:
         """The N decision processes, for planners."""
-        return [task.model for task in self._tasks]
+        return self._started.models
 
     @property
     def instances(self) -> list[int]:
         """Indices of the N task instances."""
-        return [task.index for task in self._tasks]
+        return self._started.board.instance.tolist()
 
     @property
     def num_actions(self) -> list[int]:
         """How many actions each of the N episodes has taken."""
-        return [task.num_actions for task in self._tasks]
+        return self._started.board.num_actions.tolist()
+
+    @property
+    def _started(self) -> Crew:
+        if self._crew is None:
+            raise ActionError("the environment has no tasks yet, or was closed; call reset first")
+        return self._crew
+
+    def _crew_at_work(self) -> Crew:
+        """Who simulates, called to work when needed first."""
+        if self._crew is None:
+            self._crew = make_crew(self._family, self.num_envs, self._num_workers)
+            self.is_closed = False
+        return self._crew
 
     def _make_specs(self) -> None:
         batch = self.batch_size
@@ -130,7 +150,7 @@ class BatchedClutterEnv(EnvBase):
             if self.observe.name == "image"
             else Unbounded(shape=shape, dtype=torch.float32),
             gripper_closed=Categorical(2, shape=batch, dtype=torch.bool),
-            state=Unbounded(shape=torch.Size([*batch, self._state_dimension]), dtype=torch.float64),
+            state=Unbounded(shape=torch.Size([*batch, self._family.state_dimension]), dtype=torch.float64),
             instance=Unbounded(shape=batch, dtype=torch.int64),
             is_goal=Categorical(2, shape=batch, dtype=torch.bool),
             is_dropped=Categorical(2, shape=batch, dtype=torch.bool),
@@ -153,54 +173,50 @@ class BatchedClutterEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         chosen = None if tensordict is None else tensordict.get("_reset", None)
-        slots = range(self.num_envs) if chosen is None else chosen.reshape(self.num_envs).nonzero()[:, 0].tolist()
+        slots = list(range(self.num_envs))
+        if chosen is not None and self._crew is not None:
+            slots = chosen.reshape(self.num_envs).nonzero()[:, 0].tolist()
+        self._crew_at_work().start(self._instance_seed, slots, [self._next_indices[slot] for slot in slots])
         for slot in slots:
-            self._tasks[slot].start(self._instance_seed, self.split, self._next_indices[slot])
             self._next_indices[slot] += self.num_envs
         return self.current()
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        outcomes = [
-            task.act(action) for task, action in zip(self._tasks, self._actions(tensordict["action"]), strict=True)
-        ]
-        terminated = torch.tensor([[outcome.terminated] for outcome in outcomes])
-        truncated = torch.tensor([[outcome.truncated] for outcome in outcomes])
-        entries = self._entries(outcomes)
-        entries["reward"] = torch.tensor([[outcome.reward] for outcome in outcomes], dtype=torch.float32)
-        entries.update(terminated=terminated, truncated=truncated, done=terminated | truncated)
+        crew, board = self._started, self._started.board
+        actions: Any = tensordict["action"]
+        board.action[:] = self._checked(actions.numpy())
+        # torchrl's way to leave out the tasks that are over while it waits for the others
+        active = tensordict.get("_step", None)
+        board.is_active[:] = True if active is None else active.reshape(self.num_envs).numpy()
+        board.reward[:] = 0.0
+        crew.act()
+        entries = self._shown(crew)
+        for key in ("reward", "terminated", "truncated"):
+            entries[key] = torch.from_numpy(getattr(board, key)[:, None].copy())
+        entries["done"] = torch.from_numpy((board.terminated | board.truncated)[:, None])
         return TensorDict(entries, batch_size=self.batch_size, device=self.device)
 
-    def _actions(self, actions: torch.Tensor) -> list[Action]:
-        """N actions as the simulation takes them."""
+    def _checked(self, actions: np.ndarray) -> np.ndarray:
+        """The actions, if all are of the action space: a batch is carried out as a whole or not at all."""
         if self.action_space.name == "discrete":
-            return actions.tolist()
-        return list(actions.numpy().astype(np.float64))
+            if not ((actions >= 0) & (actions < DiscreteActionSpace.NUM_ACTIONS)).all():
+                raise ActionError(
+                    f"discrete actions are from 0 to {DiscreteActionSpace.NUM_ACTIONS - 1}, not {actions}"
+                )
+        elif not np.isfinite(actions).all():
+            raise ActionError(f"continuous actions are finite numbers, not {actions}")
+        return actions
 
-    def _entries(self, outcomes: list[Outcome] | None) -> dict[str, torch.Tensor]:
-        observations = np.stack([self._observation(slot) for slot in range(self.num_envs)])
-        states = np.zeros((self.num_envs, self._state_dimension))
-        for row, task in zip(states, self._tasks, strict=True):
-            row[: task.state.vector.size] = task.state.vector
-        return {
-            "observation": torch.from_numpy(observations),
-            "gripper_closed": torch.tensor([task.state.gripper_closed for task in self._tasks]),
-            "state": torch.from_numpy(states),
-            "instance": torch.tensor([task.index for task in self._tasks]),
-            "is_goal": torch.tensor([outcome.is_goal for outcome in outcomes or ()] or [False] * self.num_envs),
-            "is_dropped": torch.tensor([outcome.is_dropped for outcome in outcomes or ()] or [False] * self.num_envs),
-        }
-
-    def _observation(self, slot: int) -> npt.NDArray[Any]:
-        """What slot ``slot`` shows; drawn once a state, although the reset of another slot asks for it again."""
-        task, seen = self._tasks[slot], self._seen[slot]
-        if seen is None or seen[0] is not task.state:
-            seen = self._seen[slot] = task.state, self.observe(task.instance.scene, task.state)
-        return seen[1]
+    def _shown(self, crew: Crew) -> dict[str, torch.Tensor]:
+        """Copies of what the agents see: the board is written over by the next step."""
+        return {key: torch.from_numpy(getattr(crew.board, key).copy()) for key in _SHOWN}
 
     def current(self) -> TensorDict:
         """What an agent sees now, as ``reset`` returns it (no episode is over)."""
         flags = {key: torch.zeros(*self.batch_size, 1, dtype=torch.bool) for key in ("done", "terminated", "truncated")}
-        return TensorDict({**self._entries(None), **flags}, batch_size=self.batch_size, device=self.device)
+        causes = {key: torch.zeros(*self.batch_size, dtype=torch.bool) for key in ("is_goal", "is_dropped")}
+        entries = {**self._shown(self._started), **causes, **flags}
+        return TensorDict(entries, batch_size=self.batch_size, device=self.device)
 
     def recall(self, instances: torch.Tensor, states: torch.Tensor) -> TensorDict:
         """What an agent saw in earlier states of this environment.
@@ -226,11 +242,11 @@ class BatchedClutterEnv(EnvBase):
 
     def snapshot(self) -> dict[str, torch.Tensor]:
         """Where each of the N tasks stands, to be stored in a checkpoint: N rows each."""
-        entries = self._entries(None)
+        board = self._started.board
         return {
-            "state": entries["state"],
-            "instance": entries["instance"],
-            "num_actions": torch.tensor(self.num_actions),
+            "state": torch.from_numpy(board.state.copy()),
+            "instance": torch.from_numpy(board.instance.copy()),
+            "num_actions": torch.from_numpy(board.num_actions.copy()),
             "next_index": torch.tensor(self._next_indices),
         }
 
@@ -243,15 +259,31 @@ class BatchedClutterEnv(EnvBase):
         Raises:
             CheckpointError: the snapshot is of an environment of another size.
         """
-        expected = (self.num_envs, self._state_dimension)
+        expected = (self.num_envs, self._family.state_dimension)
         if tuple(snapshot["state"].shape) != expected:
             raise CheckpointError(
                 f"the checkpoint holds environment states of shape {list(snapshot['state'].shape)}, and this "
                 f"environment needs {list(expected)}: another number of environments or objects wrote it"
             )
         self._next_indices = snapshot["next_index"].tolist()
-        rows = zip(self._tasks, snapshot["instance"].tolist(), snapshot["num_actions"].tolist(), strict=True)
-        for row, (task, index, num_actions) in zip(snapshot["state"].numpy(), rows, strict=True):
-            task.start(self._instance_seed, self.split, index)
-            task.resume(num_actions, State(row[: task.state.vector.size]))
+        instances, num_actions = snapshot["instance"].tolist(), snapshot["num_actions"].tolist()
+        self._crew_at_work().resume(self._instance_seed, instances, num_actions, snapshot["state"].numpy())
         return self.current()
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """End the worker processes, if there are any; a later ``reset`` starts them again."""
+        super().close(raise_if_closed=raise_if_closed)
+        crew, self._crew = self._crew, None
+        if crew is not None:
+            crew.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on where this environment stands, with a crew of its own."""
+        state = {**super().__getstate__(), "_crew": None}
+        return {**state, "_snapshot": None if self._crew is None else self.snapshot()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        snapshot = state.pop("_snapshot")
+        super().__setstate__(state)
+        if snapshot is not None:
+            self.restore(snapshot)

@@ -133,10 +133,6 @@ class ClutterTask:
         except SimulationError:
             return Outcome(ACTION_REWARD, terminated=False, truncated=True, is_goal=False, is_dropped=False)
         self.state = transition.next_state
-        return Outcome(
-            transition.reward,
-            transition.is_terminal,
-            at_limit and not transition.is_terminal,
-            transition.is_goal,
-            transition.is_dropped,
-        )
+        is_goal, is_dropped = transition.is_goal, transition.is_dropped
+        terminated = is_goal or is_dropped
+        return Outcome(transition.reward, terminated, at_limit and not terminated, is_goal, is_dropped)

@@ -1,0 +1,49 @@
+"""A worker process of :class:`visualrhp.environments.crew.WorkerCrew`: ``python -m visualrhp.environments.worker``.
+
+Its arguments are the descriptors of a socket, from which the orders come, and of the file that holds the board.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import signal
+import sys
+from multiprocessing.connection import Connection
+
+from visualrhp.environments.slots import Board, Slots
+
+
+def serve(connection: Connection, memory: int) -> None:
+    """Carry out orders until the other end is closed.
+
+    The first message is (family, N, rows); every other one names a method of :class:`Slots` and holds its arguments.
+    The answer is None, or the exception that was raised.
+    """
+    family, num_slots, rows = connection.recv()
+    mapped = mmap.mmap(memory, Board.num_bytes(family, num_slots))
+    slots = Slots(family, Board.over(family, num_slots, mapped), rows)
+    while True:
+        order, *arguments = connection.recv()
+        try:
+            getattr(slots, order)(*arguments)
+        except Exception as error:
+            connection.send(error)
+        else:
+            connection.send(None)
+
+
+def main(arguments: list[str]) -> None:
+    """Serve until the parent closes the connection or ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent decides
+    connection, memory = Connection(int(arguments[0])), int(arguments[1])
+    try:
+        serve(connection, memory)
+    except (EOFError, ConnectionError):
+        pass
+    finally:
+        os.close(memory)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
