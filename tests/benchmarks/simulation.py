@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from unittest import mock
 
 import cv2
 import numpy as np
 
 from tests.benchmarks import walks as w
-from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show_title, timed
+from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show, show_title, side_by_side, timed
 from visualrhp.rendering import label_image
 from visualrhp.rendering.label_image import IMAGE_SIZE
-from visualrhp.simulation.simulator import Simulator, lib
+from visualrhp.simulation import Physics
+from visualrhp.simulation.simulator import Simulator
+from visualrhp.simulation.world import lib
 from visualrhp.types import State
 
-BARE = "the bare Chipmunk loop"
 NUM_OBJECTS = (1, 4, 7)
 
 
 def _set_and_get(simulator: Simulator, state: State) -> None:
     """What the exactness adds to the substeps: the world set to a state and read."""
-    space = lib.cpSpaceNew()
-    simulator._set_up(space, state, state.gripper_closed)
-    simulator._read(state.gripper_closed)
+    space = simulator._begin(state, state.gripper_closed)
+    simulator._read(space, state.gripper_closed)
     lib.cpSpaceFree(space)
 
 
@@ -49,26 +51,25 @@ def run(effort: Effort) -> None:
     for num_objects in NUM_OBJECTS:
         walks = w.random_walks(num_objects, effort.motions)
         simulators = w.simulators(walks)
-        bare = lambda walks=walks, of=simulators: w.bare_seconds(walks, of)  # noqa: E731
-        words = numbered(num_objects, "object")
-        pushes, bare_pushes = sum(walk.pushes for walk in walks), w.bare_pushes(walks, simulators)
-        compare(
-            f"advance, {words} ({pushes} and {bare_pushes} of {w.count(walks)} motions push)",
-            lambda walks=walks, of=simulators: w.advance_seconds(walks, of),
-            bare,
-            BARE,
-            effort.repetitions,
-        )
+        words, total = numbered(num_objects, "object"), w.count(walks)
+        substeps = Physics().motion_steps + sum(sum(walk.settling) for walk in walks) / total
+        pushes = sum(walk.pushes for walk in walks)
         situations = [
             (simulator, state) for walk, simulator in zip(walks, simulators, strict=True) for state in walk.states[1:]
         ]
-        compare(
-            f"set state and get state, {words}",
-            lambda situations=situations: _each(_set_and_get, situations),
-            bare,
-            BARE,
+        advance, set_and_get, bare, unrestored = side_by_side(
+            (
+                partial(w.advance_seconds, walks, simulators),
+                partial(_each, _set_and_get, situations),
+                partial(w.bare_seconds, walks, simulators),
+                partial(w.unrestored_seconds, walks, simulators),
+            ),
             effort.repetitions,
         )
+        print(f"{words}: {substeps:.1f} substeps a motion; {pushes} of {total} push objects")
+        show(f"advance, {words}", advance, bare, "the bare Chipmunk loop")
+        show(f"advance, {words}", advance, unrestored, "the same, never restored")
+        show(f"set state and get state, {words}", set_and_get, bare, "the bare Chipmunk loop")
     show_title("Label image")
     for num_objects in NUM_OBJECTS:
         walk = w.random_walks(num_objects, 3)[0]
@@ -82,6 +83,6 @@ def run(effort: Effort) -> None:
         )
 
 
-def _each(function, arguments: list[tuple]) -> float:
+def _each(function: Callable[..., object], arguments: list[tuple]) -> float:
     """Mean time of a call [s]."""
     return timed(lambda: [function(*a) for a in arguments])() / len(arguments)

@@ -1,4 +1,4 @@
-"""Noisy walks towards the objects, and the bare Chipmunk loop that goes the same way."""
+"""Noisy walks towards the objects, and the bare Chipmunk loops that go the same way."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import itertools
 import math
 import time
 from dataclasses import dataclass
+from unittest import mock
 
 import numpy as np
 
 from visualrhp.scene import Scene, SceneDistribution, Split, TaskInstance, sample_task_instance
 from visualrhp.simulation import GripperMotion, Physics, TransitionModel, make_action_space
-from visualrhp.simulation.simulator import Simulator, lib
+from visualrhp.simulation.simulator import _MORE_ITERATIONS, _PATIENCE, Simulator
+from visualrhp.simulation.world import Space, lib
 from visualrhp.types import Action, ActionSpaceName, State
 
 SEED = 0
@@ -29,6 +31,7 @@ class Walk:
         actions: taken one after the other.
         motions: that they command.
         states: one more than actions; the first is the initial state.
+        settling: substeps that each motion takes after the hand has stopped.
     """
 
     instance: TaskInstance
@@ -36,6 +39,7 @@ class Walk:
     actions: list[Action]
     motions: list[GripperMotion]
     states: list[State]
+    settling: list[int]
 
     @property
     def scene(self) -> Scene:
@@ -75,60 +79,36 @@ def random_walks(num_objects: int, motions: int, space: ActionSpaceName = "conti
         instance = sample_task_instance(distribution(num_objects), SEED, SPLIT, index)
         model = TransitionModel(instance.scene, make_action_space(space))
         rng = np.random.default_rng(index)
-        actions, states = [], [instance.state]
+        motion_of = model.action_space.motion
+        actions, states, settling = [], [instance.state], []
         while len(actions) < min(_LENGTH, missing):
             actions.append(_action(space, states[-1], rng))
-            transition = model.simulate(states[-1], actions[-1])
+            with mock.patch.object(Simulator, "_step", autospec=True, side_effect=Simulator._step) as step:
+                transition = model.simulate(states[-1], actions[-1])
+            settling.append(sum(call.args[2] for call in step.call_args_list[1:]))
             states.append(transition.next_state)
             if transition.is_terminal:
                 break
-        walks.append(Walk(instance, index, actions, [model.action_space.motion(action) for action in actions], states))
+        walks.append(Walk(instance, index, actions, [motion_of(action) for action in actions], states, settling))
         missing -= len(actions)
         index += 1
     return walks
 
 
-class BareLoop:
-    """The engine alone: the bodies, shapes and joints of a simulator in one space, set up once and never restored.
-
-    It makes the same calls into Chipmunk as the simulator makes from the first to the last substep of a motion.
-    """
-
-    def __init__(self, simulator: Simulator, state: State) -> None:
-        self._simulator = simulator
-        self._closed = state.gripper_closed
-        self._theta = state.robot_pose[2]
-        self._space = lib.cpSpaceNew()
-        simulator._set_up(self._space, state, self._closed)
-
-    def run(self, motion: GripperMotion) -> float:
-        """Substeps of one motion, going on from wherever the last one ended; how long they took [s]."""
-        simulator, physics, space = self._simulator, self._simulator.physics, self._space
-        self._closed = self._closed if motion.closed is None else motion.closed
-        duration = physics.motion_steps * physics.time_step
-        c, s = math.cos(self._theta), math.sin(self._theta)
-        velocity = (c * motion.forward - s * motion.left) / duration, (s * motion.forward + c * motion.left) / duration
-        self._theta += motion.rotation
-        guide, motor, step = simulator._guide.pointer, simulator._motor.pointer, lib.cpSpaceStep
-        time_step = physics.time_step
-        start = time.process_time()
-        lib.cpSimpleMotorSetRate(motor, simulator._closing_rate if self._closed else -simulator._closing_rate)
-        lib.cpBodySetVelocity(guide, velocity)
-        lib.cpBodySetAngularVelocity(guide, motion.rotation / duration)
-        for _ in range(physics.motion_steps):
-            step(space, time_step)
-        lib.cpBodySetVelocity(guide, (0.0, 0.0))
-        lib.cpBodySetAngularVelocity(guide, 0.0)
-        for _ in range(physics.settle_steps):
-            step(space, time_step)
-        return time.process_time() - start
-
-    def state(self) -> State:
-        """Where the world is now."""
-        return self._simulator._read(self._closed)
-
-    def close(self) -> None:
-        lib.cpSpaceFree(self._space)
+def _bare_loop(simulator: Simulator, space: Space, walk: Walk, number: int) -> float:
+    """The substeps of one motion, by the calls into Chipmunk that the simulator makes; how long they took [s]."""
+    settling = walk.settling[number]
+    patient = min(settling, _PATIENCE)
+    closed = walk.states[number + 1].gripper_closed
+    start = time.process_time()
+    lib.cpSpaceSetIterations(space, simulator.physics.iterations)
+    lib.cpSimpleMotorSetRate(simulator._motor, simulator._closing_rate if closed else -simulator._closing_rate)
+    simulator._move(space, walk.states[number], walk.motions[number])
+    simulator._step(space, patient)
+    if settling > patient:
+        lib.cpSpaceSetIterations(space, _MORE_ITERATIONS * simulator.physics.iterations)
+        simulator._step(space, settling - patient)
+    return time.process_time() - start
 
 
 def simulators(walks: list[Walk]) -> list[Simulator]:
@@ -137,27 +117,27 @@ def simulators(walks: list[Walk]) -> list[Simulator]:
 
 
 def bare_seconds(walks: list[Walk], of: list[Simulator]) -> float:
-    """Time of a motion in the bare loop [s], the mean over ``walks``."""
+    """Time of the substeps of a motion alone [s], from the same state; the mean over ``walks``."""
     total = 0.0
     for walk, simulator in zip(walks, of, strict=True):
-        loop = BareLoop(simulator, walk.states[0])
-        total += sum(loop.run(motion) for motion in walk.motions)
-        loop.close()
+        for number, state in enumerate(walk.states[:-1]):
+            space = simulator._begin(state, state.gripper_closed)
+            total += _bare_loop(simulator, space, walk, number)
+            lib.cpSpaceFree(space)
     return total / count(walks)
 
 
-def bare_pushes(walks: list[Walk], of: list[Simulator]) -> int:
-    """How many motions of the bare loop move an object: that it does the same work."""
-    pushes = 0
+def unrestored_seconds(walks: list[Walk], of: list[Simulator]) -> float:
+    """Time of a motion [s] in spaces that are set up once a walk and never restored.
+
+    An object sleeps until the robot touches it for the first time; in the simulator, for the first time in a motion.
+    """
+    total = 0.0
     for walk, simulator in zip(walks, of, strict=True):
-        loop = BareLoop(simulator, walk.states[0])
-        states = [walk.states[0]]
-        for motion in walk.motions:
-            loop.run(motion)
-            states.append(loop.state())
-        loop.close()
-        pushes += Walk(walk.instance, walk.index, walk.actions, walk.motions, states).pushes
-    return pushes
+        space = simulator._begin(walk.states[0], walk.states[0].gripper_closed)
+        total += sum(_bare_loop(simulator, space, walk, number) for number in range(len(walk.motions)))
+        lib.cpSpaceFree(space)
+    return total / count(walks)
 
 
 def advance_seconds(walks: list[Walk], of: list[Simulator]) -> float:
