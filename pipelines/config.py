@@ -11,9 +11,9 @@ import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pipelines.decode import Count, Fraction, Index, NonNegative, Positive
+from pipelines.decode import Count, Fraction, Index, NonNegative, Positive, Range
 
 ActionSpaceName = Literal["discrete", "continuous"]
 RepresentationName = Literal["image", "cartesian"]
@@ -502,6 +502,50 @@ class ReportConfig(PipelineConfig):
     training: tuple[str, ...]
     sweeps: SweepsConfig
     videos: VideosConfig
+
+
+@dataclass(frozen=True)
+class PlayVideoConfig:
+    """What is seen of an episode.
+
+    Attributes:
+        size_px: height and width of the picture of the scene, from 64.
+        fps: frames a second.
+        action_s: how long the motion of an action takes [s].
+        imagined_s: how long the roll-outs of a planner are shown before each action [s]; 0 leaves them out.
+        hold_s: how long the end is shown [s].
+        observation: where the abstract label image goes: ``none``, ``panel`` (beside the picture) or ``inset`` (in it).
+    """
+
+    size_px: Annotated[int, Range(at_least=64, at_most=4096)]
+    fps: Annotated[int, Range(at_least=1, at_most=120)]
+    action_s: Positive
+    imagined_s: NonNegative
+    hold_s: NonNegative
+    observation: Literal["none", "panel", "inset"]
+
+
+@dataclass(frozen=True)
+class PlayConfig(PipelineConfig):
+    """``python -m pipelines.play``: one planner on one task, to look at.
+
+    Attributes:
+        index: of the task instance; those of an evaluation with the same seed and scene.
+        scene_file: a scene to play instead of a sampled one (``scene`` is not read then); null to sample.
+        noise_level: how wrong the planner's model of shapes, friction and density is (Sec. 8.2).
+        heuristics: folder with the trained networks, ``<action space>/<representation>/heuristic*.safetensors``.
+        live: whether the episode is shown in a window, too: ``auto`` for where there is a screen.
+    """
+
+    scene: SceneConfig
+    physics: PhysicsConfig
+    planner: PlannerConfig
+    index: Index
+    scene_file: str | None
+    noise_level: NoiseLevel
+    heuristics: str
+    video: PlayVideoConfig
+    live: Literal["auto", True, False]
 
 
 def _check_learner(algorithm: str, action_space: str) -> None:

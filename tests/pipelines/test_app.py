@@ -17,7 +17,7 @@ from pipelines.app import app, command_line_overrides, compose, override_keys
 from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
 from visualrhp.errors import ConfigError, DataError
 
-PIPELINES = ("generate_demos", "train_il", "train_rl", "evaluate", "report")
+PIPELINES = ("generate_demos", "train_il", "train_rl", "evaluate", "report", "play")
 Run = Callable[..., tuple[int, str]]
 
 
@@ -83,6 +83,18 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("train_rl", ["scale=smoke"], "outputs/train_il/continuous/image/heuristic.safetensors"),
         ("evaluate", ["scale=smoke"], "outputs/train_rl/continuous/image/heuristic.safetensors"),
         ("report", ["scale=smoke"], "outputs/evaluate"),
+        ("play", ["live=maybe"], "live=maybe is not known: it should be auto, True or False."),
+        ("play", ["video.size_px=20"], "video.size_px=20 is out of range: it should be a whole number, at least 64"),
+        (
+            "play",
+            ["video.observation=insert"],
+            "insert is not known: it should be none, panel or inset",
+        ),
+        ("play", ["index=-1"], "index=-1 is out of range"),
+        ("play", ["planner.num_rollouts=0"], "planner.num_rollouts=0 is out of range"),
+        ("play", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
+        ("play", [], "outputs/train_rl/continuous/image/heuristic.safetensors, which does not exist. Make it with"),
+        ("play", ["planner=cartesian_rhp", "scene.num_objects=3"], "heuristic_m3.safetensors, which does not exist"),
     ],
 )
 def test_a_mistake_is_one_paragraph_and_no_work(

@@ -20,6 +20,7 @@ from pipelines.config import (
     GenerateDemosConfig,
     KinodynamicRRTConfig,
     PipelineConfig,
+    PlayConfig,
     RecedingHorizonConfig,
     ReportConfig,
     TrainILConfig,
@@ -33,7 +34,9 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "train_rl": TrainRLConfig,
     "evaluate": EvaluateConfig,
     "report": ReportConfig,
+    "play": PlayConfig,
 }
+NO_STAGE = {"play"}  # nothing depends on what it makes
 SCALES = ("smoke", "quick", "paper")
 EXPERIMENTS = {
     "fig5": "train_il",
@@ -255,7 +258,7 @@ def test_a_number_of_objects_may_be_one_number() -> None:
 # -------------------------------------------------- DVC
 def test_the_stages_of_dvc_depend_on_files_that_exist() -> None:
     stages = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
-    assert list(stages) == list(SCHEMAS)
+    assert list(stages) == [pipeline for pipeline in SCHEMAS if pipeline not in NO_STAGE]
     for stage in stages.values():
         for path in stage.get("do", stage)["deps"]:
             pattern = re.sub(r"\$\{[\w.]+\}", "*", path)

@@ -80,9 +80,9 @@ def _colour_of(value: float, low: float, high: float) -> Colour:
 def draw_paths(canvas: Canvas, paths: Sequence[ImaginedPath]) -> None:
     """Draw the paths of the gripper and of the desired object, and the outlines of where they end.
 
-    The gripper's path is a line with a dot at every state, the largest at its end; the desired object's, if it moves, is
-    dotted. The chosen one is bold and on top. A cross ends a path that diverges (grey) or drops an object (red, at that
-    object); a green ring one that reaches the goal.
+    The gripper's path is a line with a dot at every state, the largest at its end; that of the desired object, if it
+    moves, is dotted. The chosen one is bold and on top. A cross ends a path that diverges (grey) or drops an object
+    (red, at that object); a green ring one that reaches the goal.
     """
     colours = value_colours(paths)
     order = sorted(range(len(paths)), key=lambda i: (paths[i].is_chosen, paths[i].value))
@@ -134,7 +134,7 @@ def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
         canvas.dot(position, radius, colour)
     if _moves(path, 0):
         desired = np.array([state.object_poses[0, :2] for state in path.states])
-        for position in _beads(desired, 0.0085 if path.is_chosen else 0.0075):
+        for position in _beads(desired, canvas.size_of(0.0085 if path.is_chosen else 0.0075)):
             canvas.dot(position, 0.5 * width + 0.0013, casing)
             canvas.dot(position, 0.5 * width, colour)
 
