@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.environments.task import NUM_LABELS, ClutterTask, ObservationFunction, ObservationName, Outcome
-from visualrhp.errors import ActionError, ConfigError
+from visualrhp.environments.task import NUM_LABELS, ClutterTask, ObservationFunction, ObservationName
+from visualrhp.errors import ActionError, ConfigError, SceneError
 from visualrhp.rendering.label_image import IMAGE_SIZE
 from visualrhp.scene.sampling import SceneDistribution, Split
-from visualrhp.scene.scene import Scene
+from visualrhp.scene.scene import Scene, TaskInstance
+from visualrhp.scene.start import check_start
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import Action, ActionSpaceName, ObjectSize, State
 
+RESET_OPTIONS = ("instance", "scene", "state")
+"""What ``reset`` takes as options."""
+
 _SEED_BOUND = 2**31
-_FEATURE_BOUND = 100.0
-"""No feature gets this large: 49 actions move the gripper by 7 m, which is 28 in units of the features."""
+_FEATURE_BOUND = 2000.0
+"""No feature gets this large: bodies of a scene that is given lie within 283 m of each other, which is 1132 in units of
+the features, and 49 actions move the gripper by 7 m, which is 28."""
 
 
 class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
@@ -48,12 +54,14 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
     actions without either. ``info``: ``is_goal``, ``is_dropped``, ``num_actions``, ``instance`` (index of the task).
 
     Task instances are a function of (seed, split, episode): ``reset(seed=s)`` starts instance 0 of seed s, every later
-    ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k.
+    ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k. ``reset(options={"scene": scene,
+    "state": state})`` starts a task of the caller's own from exactly there, and takes no instance off the stream;
+    without ``scene`` it is that of the running episode.
 
     Args:
         action_space: ``discrete`` or ``continuous``.
         observation: ``image`` or ``cartesian`` (which needs a fixed number of objects).
-        num_objects: fewest and most objects in a scene, 1 to 7 in the paper.
+        num_objects: objects in a scene, 1 to 7 in the paper: a number, or the fewest and the most.
         object_size: ``small``, ``mixed`` or ``large`` relative to the gripper.
         split: which of the disjoint streams of task instances to draw from.
         render_mode: None or ``rgb_array``.
@@ -68,20 +76,22 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         self,
         action_space: ActionSpaceName = "continuous",
         observation: ObservationName = "image",
-        num_objects: tuple[int, int] = (1, 7),
+        num_objects: int | tuple[int, int] = (1, 7),
         object_size: ObjectSize = "mixed",
         split: Split = Split.REINFORCEMENT,
         render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode is {render_mode!r}; choose None or rgb_array")
-        distribution = SceneDistribution(num_objects=(num_objects[0], num_objects[1]), object_size=object_size)
+        distribution = SceneDistribution(num_objects=_bounds(num_objects), object_size=object_size)
         self.render_mode = render_mode
         self._observe = ObservationFunction.for_distribution(observation, distribution)
-        self._split = Split(split)
+        self._split = _split(split)
         self._instance_seed: int | None = None
         self._next_index = 0
+        self._is_started = False
         self._actions = make_action_space(action_space)
+        self._is_discrete = self._actions.name == "discrete"
         self._task = ClutterTask(distribution, self._actions)
         self.action_space = self._action_box()
         self.observation_space = gymnasium.spaces.Dict(
@@ -89,7 +99,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         )
 
     def _action_box(self) -> gymnasium.Space[Any]:
-        if self._actions.name == "discrete":
+        if self._is_discrete:
             return gymnasium.spaces.Discrete(DiscreteActionSpace.NUM_ACTIONS)
         return gymnasium.spaces.Box(-1.0, 1.0, (ContinuousActionSpace.DIMENSION,), np.float32)
 
@@ -100,36 +110,101 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
 
     @property
     def scene(self) -> Scene:
-        """The scene of the running episode (after ``reset``)."""
-        return self._task.instance.scene
+        """The scene of the running episode.
+
+        Raises:
+            ActionError: before the first ``reset``.
+        """
+        return self._running().instance.scene
 
     @property
     def state(self) -> State:
-        """The current state (after ``reset``)."""
-        return self._task.state
+        """The current state.
+
+        Raises:
+            ActionError: before the first ``reset``.
+        """
+        return self._running().state
 
     @property
     def model(self) -> TransitionModel:
-        """The decision process of the running episode, for planners (after ``reset``)."""
-        return self._task.model
+        """The decision process of the running episode, for planners.
+
+        Raises:
+            ActionError: before the first ``reset``.
+        """
+        return self._running().model
+
+    def _running(self) -> ClutterTask:
+        if not self._is_started:
+            raise ActionError("no episode is running; call reset first")
+        return self._task
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin the next task instance, or the one chosen by ``seed`` and ``options`` (see the class)."""
+        """Begin the next task instance, or the one chosen by ``seed`` and ``options`` (see the class).
+
+        Raises:
+            ConfigError: an option is unknown, or contradicts another. As with the next, nothing has changed then.
+            SceneError: the scene and the state cannot be simulated, or not be shown with Cartesian observations.
+        """
+        options = options or {}
+        index = self._chosen_index(options)
+        given = self._given_task(options)
         super().reset(seed=seed)
-        unknown = set(options or {}) - {"instance"}
-        if unknown:
-            raise ConfigError(f"reset got the unknown options {sorted(unknown)}; only 'instance' is known")
         if seed is not None:
             self._instance_seed, self._next_index = seed, 0
         elif self._instance_seed is None:
             self._instance_seed = int(self.np_random.integers(_SEED_BOUND))
-        if options:
-            self._next_index = int(options["instance"])
-        self._task.start(self._instance_seed, self._split, self._next_index)
-        self._next_index += 1
+        if given is not None:
+            self._task.begin(given)
+        else:
+            self._next_index = self._next_index if index is None else index
+            self._task.start(self._instance_seed, self._split, self._next_index)
+            self._next_index += 1
+        self._is_started = True
         return self._observation(), self._info(is_goal=False, is_dropped=False)
+
+    def _chosen_index(self, options: dict[str, Any]) -> int | None:
+        """The task instance that ``options`` ask for."""
+        unknown = sorted(set(options) - set(RESET_OPTIONS))
+        if unknown:
+            raise ConfigError(f"reset got the unknown options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
+        index = options.get("instance")
+        if index is None:
+            return None
+        if len(options) > 1:
+            raise ConfigError("reset starts either a task instance ('instance') or what is given ('scene', 'state')")
+        if not _is_integer(index) or index < 0:
+            raise ConfigError(f"the option 'instance' is the index of a task instance, 0 or more, not {index!r}")
+        return int(index)
+
+    def _given_task(self, options: dict[str, Any]) -> TaskInstance | None:
+        """The task that ``options`` bring along, checked."""
+        scene, state = options.get("scene"), options.get("state")
+        if scene is None and state is None:
+            return None
+        if state is None:
+            raise SceneError("reset got the option 'scene' without 'state', the state from which the episode starts")
+        if scene is None:
+            if not self._is_started:
+                raise SceneError(
+                    "reset got the option 'state' without 'scene', and there is no running episode's scene"
+                )
+            scene = self.scene
+        if not isinstance(scene, Scene) or not isinstance(state, State):
+            raise SceneError(
+                "the options 'scene' and 'state' are a visualrhp.scene.Scene and a visualrhp.types.State, not "
+                f"{type(scene).__name__} and {type(state).__name__}"
+            )
+        check_start(scene, state)
+        if self._observe.num_objects not in (None, scene.num_objects):
+            raise SceneError(
+                f"the scene has {scene.num_objects} objects, and the Cartesian observations of this environment are "
+                f"made for num_objects={self._observe.num_objects}"
+            )
+        return TaskInstance(scene, state)
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Take ``action`` (see the class).
@@ -137,22 +212,20 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         Raises:
             ActionError: the action is not in the action space, or the episode has not been started.
         """
-        if self._task.index < 0:
-            raise ActionError("step was called before reset; call reset first")
-        outcome: Outcome = self._task.act(self._action(action))
-        info = self._info(is_goal=outcome.is_goal, is_dropped=outcome.is_dropped)
-        return self._observation(), outcome.reward, outcome.terminated, outcome.truncated, info
+        reward, terminated, truncated, is_goal, is_dropped = self._running().act(self._action(action))
+        return self._observation(), reward, terminated, truncated, self._info(is_goal=is_goal, is_dropped=is_dropped)
 
     def _action(self, action: npt.ArrayLike) -> Action:
-        if self._actions.name == "discrete":
-            return np.asarray(action).item()  # a fraction stays one, and is refused by the action space
-        return np.asarray(action, dtype=np.float64)
+        if not self._is_discrete:
+            return np.asarray(action, dtype=np.float64)
+        number: Any = np.asarray(action)
+        return number.item() if number.size == 1 else number  # what is no integer is refused by the action space
 
     def _observation(self) -> dict[str, Any]:
-        state = self._task.state
+        task = self._task
         return {
-            "observation": np.array(self._observe(self._task.instance.scene, state), dtype=self._observe.dtype),
-            "gripper_closed": int(state.gripper_closed),
+            "observation": self._observe(task.instance.scene, task.state),
+            "gripper_closed": int(task.state.gripper_closed),
         }
 
     def _info(self, *, is_goal: bool, is_dropped: bool) -> dict[str, Any]:
@@ -170,3 +243,23 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         from visualrhp.rendering.frames import render_frame  # drawing is imported only by who draws
 
         return render_frame(self.scene, self.state)
+
+
+def _is_integer(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def _bounds(num_objects: Any) -> tuple[int, int]:
+    """Fewest and most objects."""
+    pair = num_objects if isinstance(num_objects, Sequence) else (num_objects, num_objects)
+    if len(pair) != 2 or not all(map(_is_integer, pair)):
+        raise ConfigError(f"num_objects is a number of objects or a pair (fewest, most), not {num_objects!r}")
+    return int(pair[0]), int(pair[1])
+
+
+def _split(split: Any) -> Split:
+    try:
+        return Split(split)
+    except ValueError:
+        known = ", ".join(f"{member.value} ({member.name.lower()})" for member in Split)
+        raise ConfigError(f"split is {split!r}; choose one of {known}") from None

@@ -45,7 +45,7 @@ class ObservationFunction:
         if self.name == "cartesian" and self.num_objects is None:
             raise ConfigError(
                 "Cartesian observations have a fixed number of objects (paper, Sec. 7.5): give scenes of one density, "
-                "for instance num_objects=(4, 4)"
+                "for instance num_objects=4"
             )
 
     @classmethod
@@ -89,7 +89,7 @@ class ClutterTask:
 
     Attributes:
         instance: scene and initial state.
-        index: index of the instance in its stream.
+        index: index of the instance in its stream, or -1.
         model: the decision process of the scene.
         state: current state.
         num_actions: actions taken so far.
@@ -109,10 +109,14 @@ class ClutterTask:
 
     def start(self, seed: int, split: Split, index: int) -> None:
         """Begin task instance (seed, split, index)."""
+        self.begin(sample_task_instance(self._distribution, seed, split, index), index)
+
+    def begin(self, instance: TaskInstance, index: int = -1) -> None:
+        """Begin ``instance``, which has the index -1 if it is from no stream."""
         self.index = index
-        self.instance = sample_task_instance(self._distribution, seed, split, index)
-        self.model = TransitionModel(self.instance.scene, self._action_space, self._physics)
-        self.state = self.instance.state
+        self.instance = instance
+        self.model = TransitionModel(instance.scene, self._action_space, self._physics)
+        self.state = instance.state
         self.num_actions = 0
 
     def resume(self, num_actions: int, state: State) -> None:
