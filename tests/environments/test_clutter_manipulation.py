@@ -11,25 +11,35 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import visualrhp
-from visualrhp.environments import ClutterManipulation
-from visualrhp.errors import ActionError, ConfigError
-from visualrhp.rendering.label_image import label_image
+from visualrhp.environments import ClutterManipulation, ColourImage
+from visualrhp.errors import ActionError, ConfigError, SceneError
+from visualrhp.rendering.label_image import PALETTE, label_image
 from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.types import State
+
+ENVIRONMENT = f"{visualrhp.__name__}/ClutterManipulation-v0"
 
 FAR_OPEN = 7
 """The discrete action that opens the open gripper: nothing moves."""
 
 
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-@pytest.mark.parametrize(("observation", "num_objects"), [("image", (1, 7)), ("cartesian", (3, 3))])
+@pytest.mark.parametrize(("observation", "num_objects"), [("image", (1, 7)), ("image", 2), ("cartesian", 3)])
 def test_follows_the_gymnasium_api(action_space, observation, num_objects):
-    env = gymnasium.make(
-        f"{visualrhp.__name__}/ClutterManipulation-v0",
-        action_space=action_space,
-        observation=observation,
-        num_objects=num_objects,
-    )
-    check_env(env.unwrapped, skip_render_check=True)
+    arguments = {"action_space": action_space, "observation": observation, "num_objects": num_objects}
+    made = gymnasium.make(ENVIRONMENT, **arguments, object_size="small", render_mode="rgb_array")
+    check_env(made.unwrapped)
+    check_env(ClutterManipulation(**arguments), skip_render_check=True)  # which needs what gymnasium.make adds
+    made.reset(seed=0)
+    for _ in range(5):  # through the wrappers of gymnasium.make, which check, too
+        made.step(made.action_space.sample())
+    assert made.render().shape[2] == 3
+
+
+def test_a_number_of_objects_is_a_pair_of_equal_numbers():
+    number, pair = ClutterManipulation(num_objects=3), ClutterManipulation(num_objects=(3, 3))
+    number.reset(seed=1), pair.reset(seed=1)
+    assert number.scene.num_objects == 3 and number.scene == pair.scene and number.state == pair.state
 
 
 def test_import_of_the_package_stays_light():
@@ -95,15 +105,110 @@ def test_bad_arguments_and_actions_are_refused():
         ClutterManipulation(observation="sonar")
     with pytest.raises(ConfigError, match="human"):
         ClutterManipulation(render_mode="human")
+    for num_objects in (0, 2.5, True, (1,), (1, 2, 3), (3, 1), "33"):
+        with pytest.raises(ConfigError, match="num_objects"):
+            ClutterManipulation(num_objects=num_objects)
+    with pytest.raises(ConfigError, match="split"):
+        ClutterManipulation(split=77)
     env = ClutterManipulation("discrete")
     with pytest.raises(ActionError, match="reset"):
         env.step(0)
+    with pytest.raises(ActionError, match="reset"):
+        _ = env.scene
     with pytest.raises(ConfigError, match="colour"):
         env.reset(options={"colour": 3})
     env.reset(seed=0)
     for action in (8, -1, 0.5, [0.0] * 4):
-        with pytest.raises((ActionError, ValueError)):
+        with pytest.raises(ActionError):
             env.step(action)
+
+
+def several_steps(env: ClutterManipulation, num_steps: int) -> list[tuple]:
+    rng = np.random.default_rng(0)
+    steps = []
+    for _ in range(num_steps):
+        observation, *rest = env.step(rng.uniform(-1.0, 1.0, 4))
+        steps.append((observation["observation"].tobytes(), observation["gripper_closed"], rest[:3], env.state))
+        if rest[1]:
+            break
+    return steps
+
+
+@pytest.mark.parametrize("observation", ["image", "cartesian"])
+def test_starts_from_a_given_scene_and_state_to_the_bit(observation):
+    original = ClutterManipulation(observation=observation, num_objects=3)
+    original.reset(seed=3)
+    for _ in range(4):
+        original.step(np.array([0.4, 0.1, 0.2, 1.0]))
+    scene, state = original.scene, original.state
+    given = ClutterManipulation(observation=observation, num_objects=3)
+    seen, info = given.reset(seed=8, options={"scene": scene, "state": state})
+    assert given.scene is scene and given.state == state
+    assert (info["instance"], info["num_actions"]) == (-1, 0)
+    assert seen["gripper_closed"] == 1 and seen in given.observation_space
+    assert several_steps(given, 10) == several_steps(original, 10)
+    given.reset(options={"state": state})  # the same scene again
+    assert given.scene is scene and given.state == state
+    assert given.reset()[1]["instance"] == 0  # what is given takes no instance off the stream
+    assert given.state == sample_task_instance(SceneDistribution((3, 3)), 8, Split.REINFORCEMENT, 0).state
+
+
+def test_a_given_scene_may_have_any_number_of_objects_where_images_are_shown():
+    task = sample_task_instance(SceneDistribution(num_objects=(9, 9)), 0, Split.EVALUATION, 0)
+    env = ClutterManipulation(num_objects=1)
+    seen, _ = env.reset(options={"scene": task.scene, "state": task.state})
+    np.testing.assert_array_equal(seen["observation"], label_image(task.scene, task.state))
+
+
+def test_a_bad_start_is_refused_before_anything_changes():
+    task = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 0, Split.EVALUATION, 0)
+    fewer = sample_task_instance(SceneDistribution(num_objects=(2, 2)), 0, Split.EVALUATION, 0)
+    stacked = State.create(task.state.robot_pose, 0.085, False, np.zeros((3, 3)))
+    env = ClutterManipulation(observation="cartesian", num_objects=3)
+    with pytest.raises(SceneError, match="no running episode"):
+        env.reset(options={"state": task.state})
+    env.reset(seed=4)
+    scene, state = env.scene, env.state
+    for message, options in [
+        ("without 'state'", {"scene": task.scene}),
+        ("not Scene and ndarray", {"scene": task.scene, "state": task.state.vector}),
+        ("overlap", {"scene": task.scene, "state": stacked}),
+        ("2 objects and the scene 3", {"scene": task.scene, "state": fewer.state}),
+        ("num_objects=3", {"scene": fewer.scene, "state": fewer.state}),
+    ]:
+        with pytest.raises(SceneError, match=message):
+            env.reset(seed=5, options=options)
+    for message, options in [
+        ("either", {"instance": 3, "scene": task.scene, "state": task.state}),
+        ("0 or more", {"instance": -1}),
+        ("0 or more", {"instance": 1.5}),
+    ]:
+        with pytest.raises(ConfigError, match=message):
+            env.reset(seed=5, options=options)
+    assert env.scene is scene and env.state is state
+    assert env.reset()[1]["instance"] == 1
+    assert env.state == sample_task_instance(SceneDistribution((3, 3)), 4, Split.REINFORCEMENT, 1).state
+
+
+def test_an_observation_is_not_written_over_by_the_next():
+    env = ClutterManipulation()
+    first, _ = env.reset(seed=0)
+    kept = first["observation"].copy()
+    env.step(np.array([0.5, 0.0, 0.5, 0.0]))
+    np.testing.assert_array_equal(first["observation"], kept)
+
+
+def test_colours_label_images():
+    env = ColourImage(gymnasium.make(ENVIRONMENT, action_space="discrete"))
+    seen, _ = env.reset(seed=0)
+    for _ in range(3):
+        labels = label_image(env.unwrapped.scene, env.unwrapped.state)
+        assert seen in env.observation_space
+        for label, colour in enumerate(PALETTE):
+            assert (seen["observation"][labels == label] == colour).all()
+        seen, *_ = env.step(env.action_space.sample())
+    with pytest.raises(ConfigError, match="image"):
+        ColourImage(gymnasium.make(ENVIRONMENT, observation="cartesian", num_objects=2))
 
 
 def test_renders_a_picture_only_when_asked():
