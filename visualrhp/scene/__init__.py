@@ -5,6 +5,7 @@ from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.noise import NOISE_LEVELS, NoiseLevel, perturb
 from visualrhp.scene.sampling import SceneDistribution, Split, generator_for, sample_task_instance
 from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance
+from visualrhp.scene.scene_file import load_task_instance, save_task_instance, scene_file_schema
 from visualrhp.scene.start import MAX_START_OVERLAP, check_start
 
 __all__ = [
@@ -22,6 +23,9 @@ __all__ = [
     "check_start",
     "generator_for",
     "graspability",
+    "load_task_instance",
     "perturb",
     "sample_task_instance",
+    "save_task_instance",
+    "scene_file_schema",
 ]
