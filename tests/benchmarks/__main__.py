@@ -2,7 +2,8 @@
 
 Everything is measured beside a reference in the same run, in turn: the engine's raw loop, or what a user would pick
 instead. The tables show median times, the median of the ratios, and the ratio of the least times, which other work on
-the machine disturbs least. Each section runs on one thread in a process of its own and says its peak memory.
+the machine disturbs least. Work of one thread is timed by the processor's clock, that of several processes by the one
+on the wall. Each section runs in a process of its own and says its peak memory.
 """
 
 from __future__ import annotations
