@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import check_env_specs
+from torchrl.objectives.value import GAE
 
 from visualrhp.environments import ClutterManipulation
 from visualrhp.environments.batched import BatchedClutterEnv
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.environments.crew import WorkerCrew, available_cores
+from visualrhp.errors import ActionError, CheckpointError, ConfigError, VisualRHPError
+from visualrhp.learning.c3po import C3PO, C3POConfig
+from visualrhp.learning.dqn import make_q_loss
 from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
 
 FEW = SceneDistribution(num_objects=(1, 3))
@@ -129,5 +142,239 @@ def test_recalls_what_was_seen():
 def test_bad_arguments_are_refused():
     with pytest.raises(ConfigError, match="num_envs"):
         BatchedClutterEnv(FEW, "discrete", num_envs=0)
+    with pytest.raises(ConfigError, match="num_workers"):
+        BatchedClutterEnv(FEW, "discrete", num_workers=-1)
+    with pytest.raises(ActionError, match="reset"):
+        _ = BatchedClutterEnv(FEW, "discrete").states
     with pytest.raises(ConfigError, match="Cartesian"):
         BatchedClutterEnv(FEW, "discrete", "cartesian")
+
+
+@pytest.mark.parametrize(("action_space", "action"), [("discrete", 8), ("continuous", float("nan"))])
+def test_a_bad_action_is_refused_before_any_slot_moves(action_space, action):
+    env = BatchedClutterEnv(FEW, action_space, num_envs=2)
+    current = random_policy(0, env)(env.reset())
+    states = env.states
+    current["action"][1] = action
+    with pytest.raises(ActionError):
+        env.step(current)
+    assert env.states == states and env.num_actions == [0, 0]
+
+
+def test_slots_that_are_left_out_of_a_step_stay_where_they_are():
+    env = BatchedClutterEnv(FEW, "continuous", num_envs=3)
+    current = random_policy(0, env)(env.reset())
+    states = env.states
+    following = env.step(current.set("_step", torch.tensor([True, False, True])))["next"]
+    assert env.num_actions == [1, 0, 1]
+    assert [state == before for state, before in zip(env.states, states, strict=True)] == [False, True, False]
+    assert following["reward"].flatten().tolist() == [-1.0, 0.0, -1.0]
+    assert torch.equal(following["observation"][1], current["observation"][1])
+
+
+def test_a_pickled_environment_goes_on_to_the_bit():
+    env = BatchedClutterEnv(FEW, "continuous", num_envs=2, seed=1)
+    fresh = pickle.loads(pickle.dumps(env))
+    assert torch.equal(fresh.reset()["state"], env.reset()["state"])
+    _, current = run(env, random_policy(0, env), 5)
+    copied = pickle.loads(pickle.dumps(env))
+    expected, _ = run(env, random_policy(1, env), 50, current.clone())
+    found, _ = run(copied, random_policy(1, copied), 50, current.clone())
+    assert (expected == found).all()
+
+
+# Worker processes
+
+
+@pytest.mark.parametrize(("action_space", "observation"), [("continuous", "image"), ("discrete", "cartesian")])
+def test_results_do_not_depend_on_the_number_of_workers(action_space, observation):
+    distribution = FEW if observation == "image" else SceneDistribution(num_objects=(2, 2))
+    alone, crowd = (
+        BatchedClutterEnv(distribution, action_space, observation, num_envs=5, seed=3, num_workers=workers)
+        for workers in (0, 2)
+    )
+    expected, current = run(alone, random_policy(0, alone), 55)
+    found, _ = run(crowd, random_policy(0, crowd), 55)
+    assert expected["next", "done"].any() and (expected == found).all()
+    assert (alone.instances, alone.num_actions) == (crowd.instances, crowd.num_actions)
+    assert alone.states == crowd.states and alone.scenes == crowd.scenes
+    action = random_policy(0, alone)(current)["action"][4]
+    action = action.item() if action_space == "discrete" else action.double().numpy()
+    ours, theirs = (env.models[4].simulate(env.states[4], action) for env in (alone, crowd))
+    assert ours.next_state == theirs.next_state
+    crowd.close()
+    snapshot = alone.snapshot()
+    expected, _ = run(alone, random_policy(1, alone), 5, current)
+    found, _ = run(crowd, random_policy(1, crowd), 5, crowd.restore(snapshot))  # starts new workers
+    assert (expected == found).all()
+    crowd.close()
+    crowd.close()
+
+
+def processes_of(env: BatchedClutterEnv) -> list[subprocess.Popen]:
+    assert isinstance(env._crew, WorkerCrew)
+    return list(env._crew._processes)
+
+
+def test_workers_start_late_and_end_with_the_environment():
+    env = BatchedClutterEnv(FEW, "discrete", num_envs=2, num_workers=2)
+    assert env._crew is None
+    env.reset()
+    processes = processes_of(env)
+    assert len(processes) == 2 and all(process.poll() is None for process in processes)
+    del env
+    gc.collect()  # a torchrl environment refers to itself
+    assert all(process.wait(10) == 0 for process in processes)
+
+
+def test_by_default_few_slots_stay_in_this_process():
+    def num_workers(num_envs: int) -> int:
+        env = BatchedClutterEnv(FEW, "discrete", num_envs=num_envs)
+        env.reset()
+        count = len(processes_of(env)) if isinstance(env._crew, WorkerCrew) else 0
+        env.close()
+        return count
+
+    cores = available_cores()
+    assert num_workers(10) == 0
+    assert num_workers(32) == (2 if cores > 1 else 0)
+
+
+def test_says_that_a_worker_has_ended():
+    env = BatchedClutterEnv(FEW, "discrete", num_envs=2, num_workers=2)
+    current = random_policy(0, env)(env.reset())
+    processes_of(env)[1].kill()
+    with pytest.raises(VisualRHPError, match="worker process 1"):
+        env.step(current)
+    env.close()
+
+
+ORPHANS = """
+import os, sys
+from visualrhp.environments.batched import BatchedClutterEnv
+from visualrhp.scene.sampling import SceneDistribution
+env = BatchedClutterEnv(SceneDistribution(), "discrete", num_envs=2, num_workers=1)  # no main guard
+env.reset()
+print(env._crew._processes[0].pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
+def test_workers_do_not_outlive_a_killed_parent(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(ORPHANS)
+    with subprocess.Popen([sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        worker = int(parent.stdout.readline())
+        assert os.path.exists(f"/proc/{worker}")
+        parent.send_signal(signal.SIGKILL)
+    for _ in range(100):
+        if not os.path.exists(f"/proc/{worker}") or is_zombie(worker):
+            return
+        time.sleep(0.1)
+    pytest.fail("the worker still runs ten seconds after its parent was killed")
+
+
+def is_zombie(process: int) -> bool:
+    """Whether it has ended, and only waits for somebody to ask how."""
+    with open(f"/proc/{process}/stat") as stat:
+        return stat.read().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+# What reaches the losses
+
+VALUE = 10.0
+"""What the networks below say of every state, so that a target tells whether it bootstrapped."""
+
+GAMMA = 0.9
+
+
+class SameValue(torch.nn.Module):
+    """The same output for every state; a parameter, because losses want one."""
+
+    def __init__(self, *shape: int) -> None:
+        super().__init__()
+        self.output = torch.nn.Parameter(torch.full(shape, VALUE))
+
+    def forward(self, observation, gripper_closed):
+        return self.output.expand(*gripper_closed.shape, *self.output.shape)
+
+
+class SamePolicy(torch.nn.Module):
+    """A standard normal distribution everywhere, and the same value."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.output = torch.nn.Parameter(torch.tensor(VALUE))
+
+    def forward(self, observation, gripper_closed):
+        rows = gripper_closed.shape
+        return torch.zeros(*rows, 4) + 0.0 * self.output, torch.ones(*rows, 4), self.output.expand(rows)
+
+
+@pytest.fixture(scope="module", params=["discrete", "continuous"])
+def episodes(request):
+    """[N, T] with goals or drops, with truncations, and with neither at the end."""
+    env = BatchedClutterEnv(FEW, request.param, num_envs=6)
+    act = random_policy(3, env)
+
+    forward, idle = (0, OPEN) if request.param == "discrete" else (torch.eye(4)[0], torch.zeros(4))
+
+    def some_do_nothing_and_some_push(td):
+        """The first never end by themselves, the last sweep the surface until something drops."""
+        act(td)["action"][:2] = torch.as_tensor(idle)
+        td["action"][4:] = torch.as_tensor(forward)
+        return td
+
+    steps, _ = run(env, some_do_nothing_and_some_push, 60)
+    ends = steps["next"]
+    assert ends["terminated"].any() and ends["truncated"].any() and not ends["done"][:, -1].all()
+    return steps
+
+
+def test_flags_say_how_an_episode_ended_and_the_next_row_begins_another(episodes):
+    ends = episodes["next"]
+    assert torch.equal(ends["done"], ends["terminated"] | ends["truncated"])
+    assert not (ends["terminated"] & ends["truncated"]).any()
+    assert torch.equal(ends["terminated"].squeeze(-1), ends["is_goal"] | ends["is_dropped"])
+    assert torch.equal(ends["reward"] == -50.0, ends["is_dropped"].unsqueeze(-1))
+    assert not episodes["done"].any()
+    over = ends["done"][:, :-1, 0]
+    changed = (ends["state"][:, :-1] != episodes["state"][:, 1:]).any(-1)
+    assert torch.equal(changed, over)  # s' of an episode's last action is its own, not the next one's start
+    assert torch.equal(episodes["instance"][:, 1:] - ends["instance"][:, :-1], 6 * over.long())
+
+
+def targets(episodes):
+    """r + gamma v(s'), without the second term after the goal or a drop: computed from the rewards and flags alone."""
+    ends = episodes["next"]
+    over = (ends["is_goal"] | ends["is_dropped"]).unsqueeze(-1)
+    return ends["reward"] + GAMMA * VALUE * ~over
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.8])
+def test_gae_bootstraps_after_a_truncation_and_not_after_a_terminal_state(episodes, decay):
+    critic = TensorDictModule(SameValue(1), ["observation", "gripper_closed"], ["state_value"])
+    found = GAE(gamma=GAMMA, lmbda=decay, value_network=critic, average_gae=False)(episodes.clone())["advantage"]
+    surprise = targets(episodes) - VALUE
+    expected = torch.zeros_like(surprise)
+    following = torch.zeros(len(surprise), 1)
+    for step in reversed(range(surprise.shape[1])):  # nothing of an episode enters the one before it
+        over = episodes["next", "done"][:, step]
+        expected[:, step] = following = surprise[:, step] + GAMMA * decay * following * ~over
+    torch.testing.assert_close(found, expected)
+
+
+def test_c3po_bootstraps_after_a_truncation_and_not_after_a_terminal_state(episodes):
+    env = BatchedClutterEnv(FEW, "continuous", num_envs=6)
+    learner = C3PO(SamePolicy(), env, C3POConfig(buffer_size=360, batch_size=90, discount=GAMMA), seed=0)
+    episodes = episodes.clone().set("action", torch.zeros(*episodes.shape, 4))
+    found = learner._with_old_parameters(episodes)["value_target"]
+    torch.testing.assert_close(found, targets(episodes).flatten(0, 1))
+
+
+def test_dqn_bootstraps_after_a_truncation_and_not_after_a_terminal_state(episodes):
+    loss = make_q_loss(SameValue(8), GAMMA)
+    for step in episodes.clone().set("action", torch.zeros(episodes.shape, dtype=torch.int64)).flatten(0, 1).split(1):
+        expected = (targets(step) - VALUE).square().mean()
+        torch.testing.assert_close(loss(step)["loss"].detach(), expected)
