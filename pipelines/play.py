@@ -106,14 +106,11 @@ def task_instance(config: PlayConfig) -> TaskInstance:
 
     Raises:
         ConfigError: a parameter of the scene is out of range.
-        DataError: the scene file is missing or damaged.
-        SceneError: the scene in the file cannot be simulated.
+        SceneError: the scene file cannot be read, or its scene cannot be simulated.
     """
-    from visualrhp.scene import SceneDistribution, Split, sample_task_instance
+    from visualrhp.scene import SceneDistribution, Split, load_task_instance, sample_task_instance
 
     if config.scene_file is not None:
-        from visualrhp.scene import load_task_instance
-
         return load_task_instance(config.scene_file)
     return sample_task_instance(SceneDistribution(**asdict(config.scene)), config.seed, Split.EVALUATION, config.index)
 

@@ -76,10 +76,13 @@ class Window:
         if not self.is_open:
             return False
         self._sleep(max(0.0, self._due - self._clock()))
-        picture = self._toolkit.PhotoImage(data=ppm(frame), format="PPM")
-        self._label.configure(image=picture)
-        self._picture = picture  # tkinter does not keep it
-        self._root.update()
+        try:
+            picture = self._toolkit.PhotoImage(data=ppm(frame), format="PPM")
+            self._label.configure(image=picture)
+            self._picture = picture  # tkinter does not keep it
+            self._root.update()
+        except self._toolkit.TclError:  # the screen went away: the video is still to be written
+            self.is_open = False
         self._due = self._clock() + seconds
         return self.is_open
 

@@ -54,6 +54,7 @@ class Canvas:
         extent = float((high - low).max()) + 2.0 * MARGIN
         self.pixels_per_metre = size_px * _SUPERSAMPLING / extent
         self._pixels_per_width = size_px * _SUPERSAMPLING / _USUAL_EXTENT
+        self.bounds = (low + high - extent) / 2.0, (low + high + extent) / 2.0  # [2] each: what is seen [m]
         self._left_top = (low + high) / 2.0 + np.array([-extent, extent]) / 2.0
         side = size_px * _SUPERSAMPLING
         self.picture = np.full((side, side, 3), BACKGROUND, dtype=np.uint8)

@@ -285,6 +285,7 @@ class _View:
         canvas.clear()
         _draw_bodies(canvas, state, trail)
         draw_paths(canvas, paths)
+        _point_to_gripper(canvas, state)
         picture = canvas.finished()
         taken = [self._draw_inset(picture, state, observed)] if self._corner is not None else []
         draw_returns(picture, canvas, paths, taken)
@@ -389,6 +390,21 @@ def _draw_palm_details(canvas: Canvas, palm: FloatArray) -> None:
     canvas.polygon(centre + 0.62 * (palm - centre), mix(ROBOT, SURFACE, 0.22))
     canvas.disc(centre, 0.013, mix(ROBOT, INK, 0.35))
     canvas.disc(centre, 0.008, mix(ROBOT, SURFACE, 0.45))
+
+
+def _point_to_gripper(canvas: Canvas, state: State) -> None:
+    """An arrow at the border of the picture, towards a gripper that has left it."""
+    points = np.concatenate(canvas.scene.gripper.outlines(state.robot_pose, state.gripper_opening))
+    inset = canvas.size_of(0.03)
+    low, high = canvas.bounds
+    if ((points > low) & (points < high)).all(axis=1).any():
+        return
+    centre = points.mean(axis=0)
+    place = np.clip(centre, low + inset, high - inset)
+    heading = centre - place
+    angle = float(np.arctan2(heading[1], heading[0]))
+    arrow = canvas.size_of(1.0) * np.array([[0.022, 0.0], [-0.008, 0.016], [-0.002, 0.0], [-0.008, -0.016]])
+    canvas.polygon(geometry.to_world(arrow, (*place, angle)), ROBOT, mix(ROBOT, INK, 0.5))
 
 
 def _bar_height(size_px: int) -> int:

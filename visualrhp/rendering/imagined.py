@@ -198,6 +198,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     if side < _LEAST_SIZE_WITH_RETURNS:
         return []
     colours = value_colours(paths)
+    low, high = value_range(paths)
     text_px = max(9, round(side / 40))
     pad = max(2, round(text_px / 4))
     ends = [canvas.frame_pixels(path.states[-1].robot_pose[None, :2])[0] for path in paths]
@@ -207,7 +208,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     written: list[tuple[str, FloatArray]] = []
     for i in order:
         path, end = paths[i], ends[i]
-        words = "diverged" if path.is_diverged else number(path.value)
+        words = "diverged" if path.is_diverged else number(path.value, high - low)
         if any(words == other and np.hypot(*(end - at)) < text_px for other, at in written):
             continue  # discrete roll-outs are often the same
         weight = 700 if path.is_chosen else 500
@@ -226,9 +227,11 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     return drawn
 
 
-def number(value: float) -> str:
-    """A return in as many digits as can be told apart at a glance."""
-    return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
+def number(value: float, spread: float) -> str:
+    """A return in as few digits as tell apart values that are spread over ``spread``."""
+    if spread >= 1.0 or spread == 0.0:
+        return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
+    return f"{value:.2f}" if spread >= 0.1 else f"{value:.3f}"
 
 
 def _places(end: FloatArray, heading: float, width: int, height: int, gap: float) -> list[Box]:
@@ -308,9 +311,10 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
     if not values:
         return right
     low, high = value_range(paths)
+    lowest, highest = number(low, high - low), number(high, high - low)
     gap = round(0.5 * text_px)
-    right -= text_width(number(high), text_px, 600)
-    text(bar, number(high), right, baseline, INK, text_px, 600)
+    right -= text_width(highest, text_px, 600)
+    text(bar, highest, right, baseline, INK, text_px, 600)
     length = max(16, min(round(0.26 * width), 8 * height))
     end = right - gap
     start = end - length
@@ -327,8 +331,8 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
             half = max(3, round(0.11 * height))
             corners = [(column - half, top - 2 * half), (column + half, top - 2 * half), (column, top - 1)]
             cv2.fillPoly(bar, [np.array(corners, dtype=np.int32)], INK, cv2.LINE_AA)
-    left = start - gap - text_width(number(low), text_px, 600)
-    text(bar, number(low), left, baseline, INK, text_px, 600)
+    left = start - gap - text_width(lowest, text_px, 600)
+    text(bar, lowest, left, baseline, INK, text_px, 600)
     return left
 
 
