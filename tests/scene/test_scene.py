@@ -109,7 +109,7 @@ def test_instance_needs_a_pose_for_every_object() -> None:
 def test_instance_errors(robot: list[float], opening: float, message: str) -> None:
     scene = Scene(TargetRegion([0.0, 0.0]), (ObjectShape(BOX),))
     with pytest.raises(SceneError, match=message):
-        TaskInstance(scene, State.create(robot, opening, False, [0.1, 0.0, 0.0]))
+        TaskInstance(scene, State([*robot, opening, 0.0, 0.1, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize(
