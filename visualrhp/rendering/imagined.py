@@ -144,9 +144,8 @@ def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
     if path.is_diverged:
         _cross(canvas, end.robot_pose[:2], DIVERGED)
         return
-    for pose in end.object_poses:
-        if _is_off(canvas.scene, pose):
-            _cross(canvas, pose[:2], DROPPED)
+    for pose in _fallen(canvas.scene, path):
+        _cross(canvas, pose[:2], DROPPED)
     if task.is_goal(canvas.scene, end) and not task.is_dropped(canvas.scene, end):
         for radius, ring in ((0.0125, PAPER), (0.0115, TARGET), (0.008, PAPER), (0.007, colour)):
             canvas.dot(end.object_poses[0, :2], radius, ring)
@@ -168,6 +167,11 @@ def _moves(path: ImaginedPath, index: int) -> bool:
     )
 
 
+def _fallen(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
+    """Final poses [3] of the objects that a path drops."""
+    return [pose for pose in path.states[-1].object_poses if _is_off(scene, pose)]
+
+
 def _is_off(scene: Scene, pose: FloatArray) -> bool:
     return not geometry.contains(scene.edges, float(pose[0]), float(pose[1]))
 
@@ -187,8 +191,9 @@ Box = tuple[int, int, int, int]
 def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], taken: Sequence[Box] = ()) -> list[Box]:
     """Write the return of each path beside its end, where there is room.
 
-    The chosen one comes first, then the others from the highest return down; one that would cover another label, the
-    end of a path, a box of ``taken``, or leave the picture is moved around its end, and left out if nothing helps.
+    The chosen one comes first, then the others from the highest return down. A label that would cover another one, the
+    end of a path, a cross or a box of ``taken``, or leave the picture, is moved around its end; it is left out if
+    nothing helps.
     Pictures below 200 pixels have no room for words.
 
     Returns:
@@ -202,6 +207,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     text_px = max(9, round(side / 40))
     pad = max(2, round(text_px / 4))
     ends = [canvas.frame_pixels(path.states[-1].robot_pose[None, :2])[0] for path in paths]
+    marks = [*ends, *(canvas.frame_pixels(pose[None, :2])[0] for path in paths for pose in _fallen(canvas.scene, path))]
     starts = [canvas.frame_pixels(path.states[0].robot_pose[None, :2])[0] for path in paths]
     order = sorted(range(len(paths)), key=lambda i: (not paths[i].is_chosen, -paths[i].value))
     drawn: list[Box] = []
@@ -216,7 +222,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
         heading = math.atan2(*(end - starts[i])[::-1]) if np.hypot(*(end - starts[i])) > 1.0 else -math.pi / 2
         for box in _places(end, heading, width, height, 0.7 * text_px):
             inside = min(box[:2]) >= 1 and max(box[2:]) <= side - 1
-            covers = any(_inside(other, box, 2) for other in ends)
+            covers = any(_inside(mark, box, 2) for mark in marks)
             if inside and not covers and not any(_overlap(box, other, 2) for other in (*drawn, *taken)):
                 break
         else:
@@ -283,7 +289,7 @@ def _overlap(box: Box, other: Box, gap: int) -> bool:
 def legend_bar(scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int) -> Frame:
     """A bar to go below a frame: how many roll-outs there are, and which return has which colour.
 
-    Every return has a tick on the scale, the chosen one a triangle above it.
+    Every return has a tick below the scale, the chosen one a triangle above it.
 
     Returns:
         [height, width, 3] uint8 RGB.
@@ -307,15 +313,22 @@ def legend_bar(scene: Scene, paths: Sequence[ImaginedPath], height: int, width: 
 def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline: int, text_px: int) -> int:
     """Draw "low [colours] high" so that it ends at column ``right``; returns the column where it begins."""
     height, width = bar.shape[:2]
-    values = [path.value for path in paths if not path.is_diverged]
-    if not values:
+    if all(path.is_diverged for path in paths):
         return right
     low, high = value_range(paths)
     lowest, highest = number(low, high - low), number(high, high - low)
-    gap = round(0.5 * text_px)
+    length = max(16, min(round(0.26 * width), 8 * height))
+
+    def too_wide() -> bool:
+        return text_width(lowest, text_px, 600) + text_width(highest, text_px, 600) + length > 0.85 * right
+
+    while text_px > 7 and too_wide():
+        text_px -= 1
+    if too_wide():
+        lowest = highest = ""
+    gap = round(0.4 * text_px)
     right -= text_width(highest, text_px, 600)
     text(bar, highest, right, baseline, INK, text_px, 600)
-    length = max(16, min(round(0.26 * width), 8 * height))
     end = right - gap
     start = end - length
     top, bottom = round(0.42 * height), round(0.72 * height)
@@ -326,7 +339,7 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
             continue
         share = (path.value - low) / (high - low) if high > low else 1.0
         column = start + round(share * (length - 1))
-        bar[top - max(1, height // 20) : bottom + max(2, height // 14), column : column + max(1, height // 36)] = INK
+        bar[bottom - height // 10 : bottom + max(2, height // 12), column : column + max(1, height // 36)] = INK
         if path.is_chosen:
             half = max(3, round(0.11 * height))
             corners = [(column - half, top - 2 * half), (column + half, top - 2 * half), (column, top - 1)]
@@ -344,7 +357,7 @@ def _summaries(scene: Scene, paths: Sequence[ImaginedPath]) -> list[str]:
     remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
     short = count.replace("imagined ", "")
     return [
-        f"{', '.join([count, *remarks])}: returns",
+        *[f"{', '.join([count, *remarks])}: returns"] * (diverged < len(paths)),
         ", ".join([count, *remarks]),
         ", ".join([short, *remarks]),
         ", ".join(remarks) or short,
