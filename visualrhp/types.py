@@ -45,8 +45,8 @@ _Angle = TypeVar("_Angle", float, FloatArray)
 
 
 def wrap_angle(angle: _Angle) -> _Angle:
-    """Wrap ``angle`` [rad] into [-pi, pi)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    """Wrap ``angle`` [rad] into [-pi, pi); one that is there already stays to the bit."""
+    return angle - 2.0 * np.pi * np.floor((angle + np.pi) / (2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +74,16 @@ class State:
     def create(
         cls, robot_pose: npt.ArrayLike, gripper_opening: float, gripper_closed: bool, object_poses: npt.ArrayLike
     ) -> State:
-        """Assemble a state from its parts (shapes and units as in the properties)."""
+        """Assemble a state from its parts (shapes and units as in the properties).
+
+        Raises:
+            SceneError: a number is not finite, or the shapes do not fit.
+        """
         gripper = [gripper_opening, float(gripper_closed)]
-        return cls(np.concatenate([np.ravel(robot_pose), gripper, np.ravel(object_poses)]))
+        vector = np.concatenate([np.ravel(robot_pose), gripper, np.ravel(object_poses)]).astype(np.float64)
+        if not np.isfinite(vector).all():
+            raise SceneError(f"a state holds finite numbers only, not {vector.tolist()}")
+        return cls(vector)
 
     @property
     def robot_pose(self) -> FloatArray:

@@ -12,6 +12,12 @@ import numpy as np
 from visualrhp.errors import ActionError, ConfigError
 from visualrhp.types import Action, ActionSpaceName
 
+MAX_TRANSLATION: Final = 0.1
+"""Longest displacement of a motion along an axis [m]. Faster, and thin objects might be passed through."""
+
+MAX_ROTATION: Final = math.radians(50.0)
+"""Largest turn of a motion [rad]."""
+
 
 @dataclass(frozen=True, slots=True)
 class GripperMotion:
@@ -22,12 +28,26 @@ class GripperMotion:
         left: lateral displacement [m].
         rotation: turn, counter-clockwise [rad].
         closed: commanded gripper state, or None to keep the present one.
+
+    Raises:
+        ActionError: a displacement or the turn is not finite, or larger than the largest of an action.
     """
 
     forward: float = 0.0
     left: float = 0.0
     rotation: float = 0.0
     closed: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not (
+            abs(self.forward) <= MAX_TRANSLATION
+            and abs(self.left) <= MAX_TRANSLATION
+            and abs(self.rotation) <= MAX_ROTATION
+        ):
+            raise ActionError(
+                f"a motion is at most {MAX_TRANSLATION} m along each axis and {MAX_ROTATION:.4f} rad of turning, not "
+                f"{self.forward} m, {self.left} m and {self.rotation} rad; divide it into several"
+            )
 
 
 class ActionSpace(ABC):
@@ -118,8 +138,8 @@ class ContinuousActionSpace(ActionSpace):
 
     name = "continuous"
     DIMENSION: Final = 4
-    TRANSLATION: Final = 0.10
-    ROTATION: Final = math.radians(50.0)
+    TRANSLATION: Final = MAX_TRANSLATION
+    ROTATION: Final = MAX_ROTATION
 
     def _components(self, action: Action) -> np.ndarray:
         components = np.asarray(action, dtype=np.float64)

@@ -1,0 +1,228 @@
+"""A Chipmunk space that begins anew, exactly and at once.
+
+Chipmunk keeps impulses of contacts and joints, shape numbers and a bounding-box tree from step to step, so a space that
+has been used before does not repeat itself (issues 181 and 258 of pymunk). :class:`World` lays out all bodies, shapes
+and joints in one block of memory. To begin anew, the block is copied back from what it was before the first step, the
+poses are written by one call, and everything is added to a new, empty space, always in the same order. Through pymunk's
+objects that costs more than the motion that follows; through its C interface it costs a tenth of it.
+
+A body that is added ``asleep`` costs nothing until something touches it.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pymunk._chipmunk_cffi import ffi, lib  # pinned in the constraints: a private name of pymunk's
+
+from visualrhp.types import FloatArray
+
+_SLOT_BYTES = 1024
+_USABLE_BYTES = 768  # the largest structure, a polygon, has 600 bytes
+_GUARD = 0xA5
+_ALIGNMENT = 64
+_ALL_CATEGORIES = 0xFFFFFFFF
+_NEVER = 1e300  # finite, or Chipmunk does not know sleep at all
+_SET_BODY = ffi.cast("cpSpaceBodyIteratorFunc", ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched"))
+_GET_BODY = ffi.cast("cpSpaceBodyIteratorFunc", ffi.addressof(lib, "pmSpaceBodyGetIteratorFuncBatched"))
+
+Body = Any
+"""``cpBody *``"""
+Joint = Any
+"""``cpConstraint *``"""
+Space = Any
+"""``cpSpace *``"""
+
+
+class World:
+    """Bodies with their shapes, and joints, which are assembled once and simulated from any poses.
+
+    Assemble it (:meth:`add_body`, :meth:`add_joint`), :meth:`freeze` it, and :meth:`begin` as often as you like. SI
+    units.
+
+    Args:
+        capacity: most bodies, shapes and joints together.
+
+    Attributes:
+        ground: the body of the surface, which never moves.
+        bodies: in the order in which they were added.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        num_slots = capacity + 1
+        memory = ffi.new("char[]", num_slots * _SLOT_BYTES + _ALIGNMENT)
+        self._base = memory + -int(ffi.cast("uintptr_t", memory)) % _ALIGNMENT
+        buffer = ffi.buffer(self._base, num_slots * _SLOT_BYTES)
+        self._slots = np.frombuffer(buffer, dtype=np.uint8).reshape(num_slots, _SLOT_BYTES)
+        self._slots[:, _USABLE_BYTES:] = _GUARD
+        self._num_used = 0
+        self.bodies: list[Body] = []
+        self._sleepers: list[Body] = []
+        self._shapes: list[Any] = []
+        self._joints: list[Joint] = []
+        self.ground = self._body(0.0, 0.0, "STATIC")
+        # A polygon of many vertices keeps some of them elsewhere.
+        weakref.finalize(self, _destroy_shapes, self._shapes, memory)
+
+    def _place(self, kind: str) -> Any:
+        """A pointer to the next free slot."""
+        if self._num_used == len(self._slots):
+            raise ValueError(f"a world of capacity {len(self._slots) - 1} is full")
+        self._num_used += 1
+        return ffi.cast(f"{kind} *", self._base + (self._num_used - 1) * _SLOT_BYTES)
+
+    def _body(self, mass: float, moment: float, kind: str = "DYNAMIC") -> Body:
+        body = self._place("cpBody")
+        lib.cpBodyInit(body, mass, moment)
+        if kind != "DYNAMIC":
+            lib.cpBodySetType(body, getattr(lib, f"CP_BODY_TYPE_{kind}"))
+        return body
+
+    def add_body(
+        self,
+        mass: float,
+        moment: float,
+        parts: Sequence[FloatArray] = (),
+        *,
+        friction: float = 0.0,
+        group: int = 0,
+        asleep: bool = False,
+    ) -> Body:
+        """Add a rigid body.
+
+        Args:
+            mass: [kg]; a body without mass moves with the velocity that it is given, whatever it meets.
+            moment: of inertia about the origin of its frame [kg m^2].
+            parts: convex outlines [V, 2] in its frame [m], counter-clockwise.
+            friction: Coulomb coefficient; that of a contact is the geometric mean of both bodies'.
+            group: bodies of the same group other than 0 pass through each other.
+            asleep: whether it is left alone until something touches it. To be set on bodies that are not connected to
+                moving ones.
+        """
+        body = self._body(mass, moment, "DYNAMIC" if mass > 0.0 else "KINEMATIC")
+        lib.cpBodySetUserData(body, ffi.cast("void *", len(self.bodies)))
+        for outline in parts:
+            polygon = self._place("cpPolyShape")
+            vertices = ffi.new("cpVect[]", [tuple(vertex) for vertex in outline.tolist()])
+            lib.cpPolyShapeInitRaw(polygon, body, len(outline), vertices, 0.0)
+            shape = ffi.cast("cpShape *", polygon)
+            lib.cpShapeSetFriction(shape, math.sqrt(friction))  # Chipmunk multiplies the two
+            lib.cpShapeSetFilter(shape, (group, _ALL_CATEGORIES, _ALL_CATEGORIES))
+            self._shapes.append(shape)
+        self.bodies.append(body)
+        if asleep:
+            self._sleepers.append(body)
+        return body
+
+    def add_joint(
+        self,
+        kind: str,
+        bodies: tuple[Body, Body],
+        parameters: tuple,
+        *,
+        max_force: float = math.inf,
+        error_bias: float = 0.0,
+        max_bias: float = math.inf,
+    ) -> Joint:
+        """Add a joint of Chipmunk's (``PivotJoint``, ``GearJoint``, ``GrooveJoint``, ``SimpleMotor``).
+
+        Args:
+            kind: its name in Chipmunk, without the prefix.
+            bodies: the two that it connects.
+            parameters: the rest of the arguments of its ``Init`` function.
+            max_force: with which it acts [N], or [N m] for a joint of angles.
+            error_bias: share of its error that is left after a second.
+            max_bias: largest speed with which it takes an error back [m/s], [rad/s].
+        """
+        place = self._place(f"cp{kind}")
+        getattr(lib, f"cp{kind}Init")(place, *bodies, *parameters)
+        joint = ffi.cast("cpConstraint *", place)
+        lib.cpConstraintSetMaxForce(joint, max_force)
+        lib.cpConstraintSetErrorBias(joint, error_bias)
+        lib.cpConstraintSetMaxBias(joint, max_bias)
+        self._joints.append(joint)
+        return joint
+
+    def freeze(self) -> None:
+        """Remember everything as it is now: every space begins like this."""
+        if not (self._slots[:, _USABLE_BYTES:] == _GUARD).all():
+            raise RuntimeError("the structures of this pymunk are larger than those of the version that is pinned")
+        self._used = self._slots[: self._num_used]
+        self._template = self._used.copy()
+        num_bodies = len(self.bodies)
+        spare = 4  # pymunk's arrays grow when they are nearly full, and these must not
+        self._poses = np.zeros((num_bodies, 3))
+        self._read = np.zeros(3 * num_bodies + spare)
+        self._numbers = np.zeros(num_bodies + spare, dtype=np.uintp)
+        self._poses_array = _float_array(self._poses)
+        self._read_array = _float_array(self._read)
+        self._numbers_array = ffi.new("pmIntArray *")
+        self._numbers_array.arr = ffi.from_buffer("uintptr_t[]", self._numbers)
+        self._numbers_array.max = self._numbers.size
+        pose, velocity = lib.POSITION | lib.ANGLE, lib.VELOCITY | lib.ANGULAR_VELOCITY
+        read = {"intArray": self._numbers_array, "floatArray": self._read_array}
+        self._set_poses = ffi.new("pmBatchedData *", {"floatArray": self._poses_array, "fields": pose})
+        self._get_poses = ffi.new("pmBatchedData *", {**read, "fields": lib.BODY_ID | pose})
+        self._get_velocities = ffi.new("pmBatchedData *", {**read, "fields": velocity})
+
+    def begin(self, poses: FloatArray) -> Space:
+        """A new space in which all bodies are at rest; to be freed (``lib.cpSpaceFree``) before the next begins.
+
+        Args:
+            poses: [bodies, 3] x [m], y [m], angle [rad] of every body.
+        """
+        self._used[...] = self._template
+        self._poses[...] = poses
+        self._poses_array.num = 0
+        space = lib.cpSpaceNew()
+        lib.cpSpaceSetSleepTimeThreshold(space, _NEVER)
+        add_body, add_shape, add_joint, sleep = (
+            lib.cpSpaceAddBody,
+            lib.cpSpaceAddShape,
+            lib.cpSpaceAddConstraint,
+            lib.cpBodySleep,
+        )
+        for body in self.bodies:
+            add_body(space, body)
+        lib.cpSpaceEachBody(space, _SET_BODY, self._set_poses)
+        for shape in self._shapes:
+            add_shape(space, shape)
+        for joint in self._joints:
+            add_joint(space, joint)
+        for body in self._sleepers:
+            sleep(body)
+        return space
+
+    def poses(self, space: Space) -> FloatArray:
+        """[bodies, 3] x [m], y [m] and unwrapped angle [rad] of every body."""
+        self._read_array.num = self._numbers_array.num = 0
+        lib.cpSpaceEachBody(space, _GET_BODY, self._get_poses)
+        count = len(self.bodies)
+        poses = np.empty((count, 3))
+        poses[self._numbers[:count]] = self._read[: 3 * count].reshape(count, 3)  # who sleeps comes last
+        return poses
+
+    def top_speed(self, space: Space) -> float:
+        """The largest component of a body's velocity [m/s] and angular velocity [rad/s]."""
+        self._read_array.num = 0
+        lib.cpSpaceEachBody(space, _GET_BODY, self._get_velocities)
+        velocities = self._read[: 3 * len(self.bodies)]
+        return float(max(velocities.max(), -velocities.min()))
+
+
+def _float_array(values: FloatArray) -> Any:
+    """pymunk's view of an array, which must outlive it."""
+    array = ffi.new("pmFloatArray *")
+    array.arr = ffi.from_buffer("double[]", values)
+    array.max = values.size
+    return array
+
+
+def _destroy_shapes(shapes: list[Any], memory: Any) -> None:
+    for shape in shapes:
+        lib.cpShapeDestroy(shape)
+    del memory  # it had to stay until now
