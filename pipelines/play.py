@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.app import app
+from pipelines.app import app, command_line_overrides, override_keys
 from pipelines.config import LearnedHeuristicConfig, PlayConfig, RecedingHorizonConfig
 from pipelines.window import Window, has_screen
 
@@ -105,12 +105,16 @@ def task_instance(config: PlayConfig) -> TaskInstance:
     """The task to play: from the scene file if there is one, else sampled.
 
     Raises:
-        ConfigError: a parameter of the scene is out of range.
+        ConfigError: a parameter of the scene is out of range, or given beside a file.
         SceneError: the scene file cannot be read, or its scene cannot be simulated.
     """
+    from visualrhp.errors import ConfigError
     from visualrhp.scene import SceneDistribution, Split, load_task_instance, sample_task_instance
 
     if config.scene_file is not None:
+        for key in sorted(override_keys(command_line_overrides())):
+            if key.partition(".")[0] == "scene":
+                raise ConfigError(f"{key} is about sampled scenes, but scene_file={config.scene_file} is one already.")
         return load_task_instance(config.scene_file)
     return sample_task_instance(SceneDistribution(**asdict(config.scene)), config.seed, Split.EVALUATION, config.index)
 

@@ -181,9 +181,12 @@ def test_video_and_card_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert len(video) == 1 + 3 * steps + 5
 
 
-def test_a_mistake_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert run_main(monkeypatch, "scene_file=missing.yaml") == 2
+    assert "scene.num_objects is about sampled scenes" in capsys.readouterr().err
     assert not (tmp_path / "outputs" / "play").exists()
 
 

@@ -138,9 +138,9 @@ def _draw_surface(canvas: Canvas, scene: Scene) -> None:
             ends = np.array([low, high])
             ends[:, axis] = offset
             canvas.line(ends, GRID, 0.0012)
-    mask = np.zeros(surface.shape[:2], dtype=np.uint8)
-    cv2.fillPoly(mask, [canvas.fixed_point(scene.edges)], 255, cv2.LINE_8, _SHIFT)
-    canvas.picture[mask == 0] = surface[mask == 0]  # a surface need not be a rectangle
+    outside = np.full(surface.shape[:2], 255, dtype=np.uint8)
+    cv2.fillPoly(outside, [canvas.fixed_point(scene.edges)], 0, cv2.LINE_8, _SHIFT)
+    cv2.copyTo(surface, outside, canvas.picture)  # a surface need not be a rectangle
     with_target = canvas.picture.copy()
     target = scene.target
     canvas.disc(target.position, target.radius, TARGET)
