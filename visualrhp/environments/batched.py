@@ -194,7 +194,8 @@ class BatchedClutterEnv(EnvBase):
         for key in ("reward", "terminated", "truncated"):
             entries[key] = torch.from_numpy(getattr(board, key)[:, None].copy())
         entries["done"] = torch.from_numpy((board.terminated | board.truncated)[:, None])
-        return TensorDict(entries, batch_size=self.batch_size, device=self.device)
+        # as torchrl's own environments do: checking the shapes costs more than the rest of this method
+        return TensorDict._new_unsafe(entries, batch_size=self.batch_size, device=self.device)
 
     def _checked(self, actions: np.ndarray) -> np.ndarray:
         """The actions, if all are of the action space: a batch is carried out as a whole or not at all."""

@@ -145,7 +145,6 @@ class Slots:
         self._family = family
         self._board = board
         self._columns = np.arange(family.state_dimension)
-        self._observations = list(board.observation[rows.start : rows.stop])
 
     def start(self, seed: int, slots: Sequence[int], instances: Sequence[int]) -> None:
         """Begin task instance ``instances[i]`` of ``seed`` in slot ``slots[i]``."""
@@ -203,16 +202,12 @@ class Slots:
     def _show(self, rows: slice | list[int], tasks: Sequence[ClutterTask]) -> None:
         """Write what the agents of ``rows`` see."""
         board, observe = self._board, self._family.observe
-        vectors = [task.state.vector for task in tasks]
-        for observation, task in zip(self._views(rows), tasks, strict=True):
-            observation[...] = observe(task.instance.scene, task.state)
-        padded = np.zeros_like(board.state[rows])
-        padded[_ROBOT_DIMENSIONS + 3 * board.num_objects[rows, None] > self._columns] = np.concatenate(vectors)
+        states = [task.state for task in tasks]
+        slots = self.rows if isinstance(rows, slice) else rows
+        for slot, task, state in zip(slots, tasks, states, strict=True):
+            board.observation[slot] = observe(task.instance.scene, state)
+        padded = np.zeros((len(tasks), self._columns.size))
+        is_used = self._columns < _ROBOT_DIMENSIONS + 3 * board.num_objects[rows, None]
+        padded[is_used] = np.concatenate([state.vector for state in states])
         board.state[rows] = padded
         board.gripper_closed[rows] = padded[:, 4]
-
-    def _views(self, rows: slice | list[int]) -> list[npt.NDArray[Any]]:
-        """The observations of ``rows``, to be written to."""
-        return (
-            self._observations if isinstance(rows, slice) else [self._observations[r - self.rows.start] for r in rows]
-        )
