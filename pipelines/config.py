@@ -137,17 +137,16 @@ class PhysicsConfig:
     time_step: Positive
     motion_steps: Count
     settle_steps: Count
+    rest_speed: Positive
     iterations: Count
+    grip_steps: Index
+    grip_iterations: Count
     gravity: Positive
     contact_slop: NonNegative
     overlap_correction: Fraction
     joint_correction: Fraction
     gripper_density: Positive
     gripper_friction: NonNegative
-    hand_inertia: Positive
-    finger_inertia: Positive
-    hand_force: Positive
-    hand_torque: Positive
     squeezing_force: Positive
 
 
