@@ -125,7 +125,9 @@ def test_goes_on_from_a_snapshot_to_the_bit(action_space):
     snapshot = {name: tensor.clone() for name, tensor in env.snapshot().items()}
     expected, _ = run(env, random_policy(5, env), 40, current)
     restored = BatchedClutterEnv(FEW, action_space, num_envs=3, seed=1)
-    found, _ = run(restored, random_policy(5, restored), 40, restored.restore(snapshot))
+    current = restored.restore(snapshot)
+    assert all(torch.equal(tensor, snapshot[name]) for name, tensor in restored.snapshot().items())
+    found, _ = run(restored, random_policy(5, restored), 40, current)
     assert (expected == found).all()
     with pytest.raises(CheckpointError, match="another number"):
         BatchedClutterEnv(FEW, action_space, num_envs=2).restore(snapshot)
@@ -193,13 +195,16 @@ def test_results_do_not_depend_on_the_number_of_workers(action_space, observatio
         BatchedClutterEnv(distribution, action_space, observation, num_envs=5, seed=3, num_workers=workers)
         for workers in (0, 2)
     )
-    expected, current = run(alone, random_policy(0, alone), 55)
-    found, _ = run(crowd, random_policy(0, crowd), 55)
+    begun = [env.reset() for env in (alone, crowd)]
+    assert [model.scene for model in crowd.models] == alone.scenes
+    expected, current = run(alone, random_policy(0, alone), 55, begun[0])
+    found, _ = run(crowd, random_policy(0, crowd), 55, begun[1])
     assert expected["next", "done"].any() and (expected == found).all()
     assert (alone.instances, alone.num_actions) == (crowd.instances, crowd.num_actions)
     assert alone.states == crowd.states and alone.scenes == crowd.scenes
     action = random_policy(0, alone)(current)["action"][4]
     action = action.item() if action_space == "discrete" else action.double().numpy()
+    assert [model.scene for model in crowd.models] == alone.scenes  # other ones than at first
     ours, theirs = (env.models[4].simulate(env.states[4], action) for env in (alone, crowd))
     assert ours.next_state == theirs.next_state
     crowd.close()
