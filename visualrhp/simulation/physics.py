@@ -44,7 +44,7 @@ class Physics:
     joint_correction: float = 0.5
     gripper_density: float = 1.0
     gripper_friction: float = 0.3
-    squeezing_force: float = 0.05
+    squeezing_force: float = 0.1
 
     def __post_init__(self) -> None:
         for name in ("time_step", "rest_speed", "gravity", "gripper_density", "squeezing_force"):

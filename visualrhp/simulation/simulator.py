@@ -8,8 +8,8 @@ Gripper: nothing on a table resists an arm, so the *palm* moves exactly as comma
 They slide sideways on rails of the palm, rack-and-pinion fashion: a *pinion* that turns on the palm carries a pin at
 each end, one in a slot of each finger, so that one motor of limited force opens and closes both symmetrically.
 
-Surface friction: each object stands on four points. A joint without position correction holds each of them to the
-ground with a quarter of the friction force mu m g. The points are as far from the centre of mass as the area is on
+Surface friction: each object stands on five points. A joint without position correction holds each of them to the
+ground with a fifth of the friction force mu m g. The points are as far from the centre of mass as the area is on
 average, so that sliding meets mu m g, spinning meets the friction moment of the area under uniform pressure, and a
 motion that is both meets less of either, as the limit surface of a pushed object has it.
 """
@@ -33,8 +33,7 @@ _PINION_RADIUS = 0.06
 """Of its pins [m]; a little more than half the stroke, so that it stays below 45 degrees."""
 _HUGE = 1e30
 """A mass or moment of inertia that no impulse moves, but a velocity that is set."""
-_SUPPORTS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
-"""Directions of the points on which an object stands."""
+_NUM_SUPPORTS = 5  # odd: the friction of four depends on the direction of sliding
 _STEPS_BETWEEN_LOOKS = 5
 _PATIENCE = 50
 """Settling steps after which the solver iterates more: what has not come to rest by then is jammed in the gripper."""
@@ -44,11 +43,28 @@ _MORE_ITERATIONS = 4
 def add_object(world: World, shape: ObjectShape, gravity: float) -> Body:
     """Add an object, and Coulomb friction on the surface: it resists velocity up to a limit and restores nothing."""
     body = world.add_body(shape.mass, shape.moment_of_inertia, shape.convex_parts, friction=shape.friction, asleep=True)
-    force = shape.friction * shape.mass * gravity / len(_SUPPORTS)
-    for x, y in _SUPPORTS:
-        support = (x * shape.friction_lever, y * shape.friction_lever)
+    alignment = _alignment(shape)
+    force = shape.friction * shape.mass * gravity / alignment / _NUM_SUPPORTS
+    radius = shape.friction_lever * alignment
+    for angle in 2.0 * math.pi * np.arange(_NUM_SUPPORTS) / _NUM_SUPPORTS:
+        support = (radius * math.cos(angle), radius * math.sin(angle))
         world.add_joint("PivotJoint", (world.ground, body), (_ORIGIN, support), max_force=force, max_bias=0.0)
     return body
+
+
+def _alignment(shape: ObjectShape) -> float:
+    """How much of the supports' forces points against the sliding, on average over its directions.
+
+    The solver's impulse at a point of a body is against the velocity times the effective mass, which is less across the
+    lever to the centre of mass than along it: m / (1 + m r^2 / I) rather than m.
+    """
+    angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    along, across = np.cos(angles), np.sin(angles)
+    alignment = 1.0
+    for _ in range(6):  # the radius of the supports depends on it
+        lightness = 1.0 + shape.mass * (shape.friction_lever * alignment) ** 2 / shape.moment_of_inertia
+        alignment = float(np.mean((along**2 + across**2 / lightness) / np.hypot(along, across / lightness)))
+    return alignment
 
 
 class Simulator:
@@ -68,7 +84,7 @@ class Simulator:
         self._overlap_bias = (1.0 - physics.overlap_correction) ** (1.0 / physics.time_step)
         self._joint_bias = (1.0 - physics.joint_correction) ** (1.0 / physics.time_step)
         num_parts = sum(len(shape.convex_parts) for shape in scene.objects)
-        self._world = World(capacity=12 + num_parts + (1 + len(_SUPPORTS)) * scene.num_objects)
+        self._world = World(capacity=12 + num_parts + (1 + _NUM_SUPPORTS) * scene.num_objects)
         self._add_gripper()
         for shape in scene.objects:
             add_object(self._world, shape, physics.gravity)
