@@ -7,7 +7,7 @@ a person reads it.
 
 from __future__ import annotations
 
-import math
+import cmath
 from enum import IntEnum
 from typing import Final
 
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from visualrhp.scene.scene import Scene
-from visualrhp.types import FloatArray, LabelImage, State
+from visualrhp.types import LabelImage, State
 
 IMAGE_SIZE: Final = 64
 """Pixels a side (Sec. 7.2)."""
@@ -32,8 +32,9 @@ _SUBPIXELS = 1 << _SUBPIXEL_BITS
 # Pixel centres are at whole coordinates in OpenCV: the left border of the image is at -0.5.
 _ORIGIN_COLUMN = IMAGE_SIZE / 2 - 0.5
 _ORIGIN_ROW = IMAGE_SIZE - VIEW_BEHIND * _PIXELS_PER_METRE - 0.5
-_ANGLES: Final = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
-_CIRCLE: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_SCALE = _PIXELS_PER_METRE * _SUBPIXELS
+_ORIGIN = (_ORIGIN_COLUMN + 1j * _ORIGIN_ROW) * _SUBPIXELS
+_CIRCLE: Final = np.exp(2j * np.pi * np.arange(32) / 32)
 
 
 class Label(IntEnum):
@@ -67,22 +68,47 @@ def label_image(scene: Scene, state: State) -> LabelImage:
     Returns:
         [64, 64] uint8 of :class:`Label`, row 0 ahead of the gripper, column 0 to its left.
     """
-    x, y, theta, opening, _ = state.vector[:5].tolist()
-    c, s = math.cos(theta), math.sin(theta)
-    # World frame to subpixels: u to the right is -left, v down is -forward.
-    scale = _PIXELS_PER_METRE * _SUBPIXELS
-    world_to_pixel = np.array([[s, -c], [-c, -s]]) * scale  # rows: u, v
-    offset = (_ORIGIN_COLUMN * _SUBPIXELS, _ORIGIN_ROW * _SUBPIXELS) - world_to_pixel @ (x, y)
-
+    scene_pixels, target_pixels = _subpixels(scene, state)
+    _, _, places = scene.stacked_outlines
+    surface, palm, left, right, desired, *obstacles = [scene_pixels[place] for place in places]
     image = np.full((IMAGE_SIZE, IMAGE_SIZE), Label.EDGE, dtype=np.uint8)
-    target = scene.target
-    _fill(image, [_to_pixels(scene.edges, world_to_pixel, offset)], Label.BACKGROUND)
-    _fill(image, [_to_pixels(target.position + target.radius * _CIRCLE, world_to_pixel, offset)], Label.TARGET)
-    objects = _object_outlines(scene, state, world_to_pixel, offset)
-    _fill(image, objects[1:], Label.OBSTACLE)
-    _fill(image, objects[:1], Label.DESIRED_OBJECT)
-    _fill(image, _gripper_outlines(scene, opening), Label.ROBOT)
+    _fill(image, [surface], Label.BACKGROUND)
+    _fill(image, [target_pixels], Label.TARGET)
+    if obstacles:
+        _fill(image, obstacles, Label.OBSTACLE)
+    _fill(image, [desired], Label.DESIRED_OBJECT)
+    _fill(image, [palm, left, right], Label.ROBOT)
     return image
+
+
+def _subpixels(scene: Scene, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Column and row of all outlines [sum of V, 2], stacked as in the scene, and of the target region [32, 2]; int32.
+
+    In complex numbers, a point z of a body with pose (p, theta) is w = (p + z e^{i theta} - p_r) e^{-i theta_r} in the
+    gripper frame, with columns to the right (minus left) and rows down (minus forward): column + i row =
+    origin - i scale conj(w).
+    """
+    vertices, owner, places = scene.stacked_outlines
+    x, y, theta, opening = state.vector[:4].tolist()
+    poses = state.object_poses
+    half = 0.5 * opening
+    turn = -1j * _SCALE * cmath.exp(1j * theta)
+    factors, offsets = np.empty(len(places), dtype=np.complex128), np.empty(len(places), dtype=np.complex128)
+    factors[0], offsets[0] = turn, _ORIGIN - turn * (x - 1j * y)  # the surface
+    factors[1:4] = -1j * _SCALE
+    offsets[1:4] = _ORIGIN, _ORIGIN - _SCALE * half, _ORIGIN + _SCALE * half
+    factors[4:] = turn * np.exp(-1j * poses[:, 2])
+    offsets[4:] = offsets[0] + turn * (poses[:, 0] - 1j * poses[:, 1])
+    target = scene.target
+    centre = offsets[0] + turn * complex(target.position[0], -target.position[1])
+    return _rounded(vertices.conj() * factors[owner] + offsets[owner]), _rounded(
+        centre + _SCALE * target.radius * _CIRCLE
+    )
+
+
+def _rounded(points: np.ndarray) -> np.ndarray:
+    """[N, 2] int32 of [N] complex."""
+    return np.rint(points.view(np.float64)).astype(np.int32).reshape(-1, 2)
 
 
 def colour_image(labels: LabelImage) -> np.ndarray:
@@ -95,30 +121,5 @@ def mirror_image(labels: LabelImage) -> LabelImage:
     return labels[..., ::-1]
 
 
-def _to_pixels(points: FloatArray, matrix: FloatArray, offset: FloatArray) -> np.ndarray:
-    return np.rint(points @ matrix.T + offset).astype(np.int32)
-
-
 def _fill(image: LabelImage, outlines: list[np.ndarray], label: Label) -> None:
-    if outlines:
-        cv2.fillPoly(image, outlines, int(label), lineType=cv2.LINE_8, shift=_SUBPIXEL_BITS)
-
-
-def _object_outlines(scene: Scene, state: State, matrix: FloatArray, offset: FloatArray) -> list[np.ndarray]:
-    """Outline of every object in subpixels; all vertices are moved at once."""
-    vertices, owner = scene.stacked_outlines
-    poses = state.object_poses[owner]
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    world = np.empty_like(vertices)
-    world[:, 0] = c * vertices[:, 0] - s * vertices[:, 1] + poses[:, 0]
-    world[:, 1] = s * vertices[:, 0] + c * vertices[:, 1] + poses[:, 1]
-    pixels = _to_pixels(world, matrix, offset)
-    ends = np.flatnonzero(np.diff(owner)) + 1
-    return np.split(pixels, ends)
-
-
-def _gripper_outlines(scene: Scene, opening: float) -> list[np.ndarray]:
-    """Palm and fingers in subpixels: they only move with the opening."""
-    matrix = np.array([[0.0, -1.0], [-1.0, 0.0]]) * (_PIXELS_PER_METRE * _SUBPIXELS)
-    offset = np.array([_ORIGIN_COLUMN, _ORIGIN_ROW]) * _SUBPIXELS
-    return [_to_pixels(outline, matrix, offset) for outline in scene.gripper.outlines((0.0, 0.0, 0.0), opening)]
+    cv2.fillPoly(image, outlines, int(label), lineType=cv2.LINE_8, shift=_SUBPIXEL_BITS)

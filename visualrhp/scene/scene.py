@@ -223,10 +223,20 @@ class Scene:
         return len(self.objects)
 
     @cached_property
-    def stacked_outlines(self) -> tuple[FloatArray, IntArray]:
-        """Vertices of all objects [sum of V, 2] in their body frames, and the object each belongs to [sum of V]."""
-        counts = [len(shape.outline) for shape in self.objects]
-        return np.concatenate([shape.outline for shape in self.objects]), np.repeat(np.arange(len(counts)), counts)
+    def stacked_outlines(self) -> tuple[npt.NDArray[np.complex128], IntArray, list[slice]]:
+        """All outlines in one array: surface, palm, left finger, right finger, then the objects.
+
+        Returns:
+            Vertices x + i y [m] in the frames of their bodies (the surface's is the world), [sum of V]; the number of
+            the outline that each belongs to, [sum of V]; and where each outline is, [4 + m].
+        """
+        gripper = self.gripper
+        outlines = [self.edges, gripper.palm, gripper.finger(1), gripper.finger(-1)]
+        outlines += [shape.outline for shape in self.objects]
+        counts = [len(outline) for outline in outlines]
+        ends = np.cumsum(counts).tolist()
+        places = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+        return np.concatenate(outlines) @ (1.0, 1.0j), np.repeat(np.arange(len(counts)), counts), places
 
     def __eq__(self, other: object) -> bool:
         return (
