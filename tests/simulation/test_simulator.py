@@ -61,10 +61,10 @@ def test_opening_follows_the_command() -> None:
 
 def slide(shape: ObjectShape, velocity: tuple[float, float], spin: float) -> tuple[float, float]:
     """Distance [m] and angle [rad] that an object with an initial velocity moves until friction stops it."""
-    world = World(capacity=9)
+    world = World(num_bodies=1, num_shapes=3, num_joints=5)
     body = add_object(world, shape, 9.81)
     world.freeze()
-    space = world.begin(np.zeros((1, 3)))
+    space = world.begin([0.0, 0.0, 0.0])
     lib.cpBodyActivate(body)
     lib.cpBodySetVelocity(body, velocity)
     lib.cpBodySetAngularVelocity(body, spin)
@@ -103,11 +103,11 @@ def push(shape: ObjectShape, contact: np.ndarray, velocity: np.ndarray) -> np.nd
 
     The tip touches the left face at ``contact`` (from the centre) and moves with ``velocity`` [m/s].
     """
-    world = World(capacity=12)
+    world = World(num_bodies=2, num_shapes=2, num_joints=5)
     tip = world.add_body(0.0, 0.0, [np.array([[0.0, 0.0], [-0.01, 0.0008], [-0.01, -0.0008]])], friction=3.3)
     body = add_object(world, shape, 9.81)
     world.freeze()
-    space = world.begin(np.array([[contact[0] + 2e-5, contact[1], 0.0], [0.0, 0.0, 0.0]]))
+    space = world.begin([contact[0] + 2e-5, contact[1], 0.0, 0.0, 0.0, 0.0])
     lib.cpSpaceSetIterations(space, 30)
     lib.cpSpaceSetCollisionSlop(space, 1e-4)
     lib.cpBodySetVelocity(tip, tuple(velocity))
@@ -162,13 +162,13 @@ def test_heavier_and_rougher_objects_resist_more() -> None:
     forces = {}
     for density, friction in ((1.0, 0.3), (2.0, 0.3), (1.0, 0.6)):
         shape = ObjectShape(BROAD.outline, density, friction)
-        world = World(capacity=12)
+        world = World(num_bodies=3, num_shapes=2, num_joints=6)
         drive = world.add_body(0.0, 0.0)
         pusher = world.add_body(0.01, 1e30, [np.array([[-0.02, -0.01], [0.0, -0.01], [0.0, 0.01], [-0.02, 0.01]])])
         add_object(world, shape, 9.81)
         joint = world.add_joint("PivotJoint", (drive, pusher), ((0.0, 0.0), (0.0, 0.0)))
         world.freeze()
-        space = world.begin(np.array([[-0.0201, 0.0, 0.0], [-0.0201, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+        space = world.begin([-0.0201, 0.0, 0.0, -0.0201, 0.0, 0.0, 0.0, 0.0, 0.0])
         lib.cpSpaceSetCollisionSlop(space, 1e-4)
         lib.cpBodySetVelocity(drive, (0.02, 0.0))
         for _ in range(200):
@@ -189,11 +189,11 @@ def test_momentum_and_energy_never_grow() -> None:
             ObjectShape(shape.outline, rng.uniform(0.5, 2.0), friction)
             for shape in (rng.choice(np.array([BOX, BROAD, HOOK, DISC], dtype=object)) for _ in range(2))
         ]
-        world = World(capacity=20)
+        world = World(num_bodies=2, num_shapes=6, num_joints=10)
         bodies = [add_object(world, shape, 9.81) for shape in shapes]
         world.freeze()
         angles = rng.uniform(-np.pi, np.pi, 2)
-        space = world.begin(np.array([[-0.05, rng.uniform(-0.01, 0.01), angles[0]], [0.05, 0.0, angles[1]]]))
+        space = world.begin([-0.05, rng.uniform(-0.01, 0.01), angles[0], 0.05, 0.0, angles[1]])
         lib.cpSpaceSetCollisionSlop(space, 1e-4)
         lib.cpBodyActivate(bodies[0])
         lib.cpBodySetVelocity(bodies[0], (1.0, 0.0))

@@ -144,10 +144,10 @@ def simplify_contour(points: npt.ArrayLike, tolerance: float) -> FloatArray:
     return shapely.get_coordinates(shapely.orient_polygons(simple))[:-1]
 
 
-def contains(polygon: FloatArray, x: float, y: float) -> bool:
+def contains(polygon: FloatArray | list[list[float]], x: float, y: float) -> bool:
     """Whether the point lies within a simple polygon (even-odd rule; the border counts by the half-open rule)."""
     inside = False
-    vertices = polygon.tolist()
+    vertices = polygon.tolist() if isinstance(polygon, np.ndarray) else polygon
     x0, y0 = vertices[-1]
     for x1, y1 in vertices:
         if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0):

@@ -141,14 +141,15 @@ class ContinuousActionSpace(ActionSpace):
     TRANSLATION: Final = MAX_TRANSLATION
     ROTATION: Final = MAX_ROTATION
 
-    def _components(self, action: Action) -> np.ndarray:
+    def _components(self, action: Action) -> list[float]:
         components = np.asarray(action, dtype=np.float64)
-        if components.shape != (self.DIMENSION,) or not np.isfinite(components).all():
+        values = components.tolist()
+        if components.shape != (self.DIMENSION,) or not math.isfinite(sum(values)):
             raise ActionError(f"a continuous action is an array of {self.DIMENSION} finite numbers, not {action!r}")
-        return components
+        return values
 
     def motion(self, action: Action) -> GripperMotion:
-        forward, left, rotation, gripper = self._components(action).clip(-1.0, 1.0).tolist()
+        forward, left, rotation, gripper = [min(max(value, -1.0), 1.0) for value in self._components(action)]
         return GripperMotion(
             self.TRANSLATION * forward, self.TRANSLATION * left, self.ROTATION * rotation, closed=gripper > 0.0
         )
@@ -157,7 +158,7 @@ class ContinuousActionSpace(ActionSpace):
         return rng.uniform(-1.0, 1.0, self.DIMENSION)
 
     def mirror(self, action: Action) -> Action:
-        return self._components(action) * (1.0, -1.0, -1.0, 1.0)
+        return np.array(self._components(action)) * (1.0, -1.0, -1.0, 1.0)
 
 
 _ACTION_SPACES: dict[str, type[ActionSpace]] = {

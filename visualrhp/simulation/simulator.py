@@ -83,8 +83,11 @@ class Simulator:
         # Chipmunk counts the share of an error that is left after a second.
         self._overlap_bias = (1.0 - physics.overlap_correction) ** (1.0 / physics.time_step)
         self._joint_bias = (1.0 - physics.joint_correction) ** (1.0 / physics.time_step)
-        num_parts = sum(len(shape.convex_parts) for shape in scene.objects)
-        self._world = World(capacity=12 + num_parts + (1 + _NUM_SUPPORTS) * scene.num_objects)
+        self._world = World(
+            num_bodies=4 + scene.num_objects,
+            num_shapes=3 + sum(len(shape.convex_parts) for shape in scene.objects),
+            num_joints=5 + _NUM_SUPPORTS * scene.num_objects,
+        )
         self._add_gripper()
         for shape in scene.objects:
             add_object(self._world, shape, physics.gravity)
@@ -126,12 +129,12 @@ class Simulator:
             lib.cpSpaceFree(space)
 
     def _begin(self, state: State, closed: bool) -> Space:
-        x, y, theta, opening, _ = state.vector[:5].tolist()
+        x, y, theta, opening, _, *object_poses = state.vector.tolist()
         half = 0.5 * opening
         left, up = -math.sin(theta) * half, math.cos(theta) * half
-        palm, fingers = (x, y, theta), ((x + left, y + up, theta), (x - left, y - up, theta))
-        pinion = (x, y, theta + math.asin(half / _PINION_RADIUS))
-        space = self._world.begin(np.concatenate([np.array([palm, *fingers, pinion]), state.object_poses]))
+        fingers = (x + left, y + up, theta, x - left, y - up, theta)
+        pinion = theta + math.asin(half / _PINION_RADIUS)
+        space = self._world.begin([x, y, theta, *fingers, x, y, pinion, *object_poses])
         lib.cpSpaceSetCollisionSlop(space, self.physics.contact_slop)
         lib.cpSpaceSetCollisionBias(space, self._overlap_bias)
         # A positive rate of Chipmunk's motor turns the second body clockwise relative to the first.
@@ -178,15 +181,18 @@ class Simulator:
             step(space, time_step)
 
     def _read(self, space: Space, closed: bool) -> State:
-        poses = self._world.poses(space)
-        palm, left, right, _ = poses[:4].tolist()
-        c, s = math.cos(palm[2]), math.sin(palm[2])
-        opening = c * (left[1] - right[1]) - s * (left[0] - right[0])
-        vector = np.empty(3 * len(poses) - 7)
-        vector[:5] = *palm, min(max(opening, 0.0), 2.0 * self._half_stroke), closed
-        vector[5:] = poses[4:].ravel()
-        if not np.isfinite(vector).all():
-            raise SimulationError(f"the simulation diverged; the state vector became {vector.tolist()}")
-        vector[2] = wrap_angle(vector[2])
-        vector[7::3] = wrap_angle(vector[7::3])
-        return State(vector)
+        palm, left, right, _, *object_poses = self._world.poses(space).tolist()
+        x, y, theta = palm
+        opening = math.cos(theta) * (left[1] - right[1]) - math.sin(theta) * (left[0] - right[0])
+        opening = min(max(opening, 0.0), 2.0 * self._half_stroke)
+        vector = [x, y, _wrapped(theta), opening, float(closed)]
+        for x, y, theta in object_poses:
+            vector += x, y, _wrapped(theta)
+        if not math.isfinite(sum(vector)):
+            raise SimulationError(f"the simulation diverged; the state vector became {vector}")
+        return State(np.array(vector))
+
+
+def _wrapped(angle: float) -> float:
+    """The angle in [-pi, pi), left as it is if it is there already; NaN if it is not finite."""
+    return angle if -math.pi <= angle < math.pi else wrap_angle(angle)

@@ -27,13 +27,15 @@ MAX_EPISODE_ACTIONS: Final = MAX_ACTIONS - 1
 
 def is_goal(scene: Scene, state: State) -> bool:
     """Whether the desired object's centre is in the target region: ||(x, y)^desObj - (x, y)^tarReg|| <= rad^tarReg."""
-    x, y = state.object_poses[0, :2] - scene.target.position
-    return math.hypot(x, y) <= scene.target.radius
+    x, y = state.vector[5:7].tolist()
+    target_x, target_y = scene.target.position.tolist()
+    return math.hypot(x - target_x, y - target_y) <= scene.target.radius
 
 
 def is_dropped(scene: Scene, state: State) -> bool:
     """Whether the state is invalid: some object's centre is outside the surface edges."""
-    return not all(geometry.contains(scene.edges, x, y) for x, y, _ in state.object_poses.tolist())
+    edges = scene.edges.tolist()
+    return not all(geometry.contains(edges, x, y) for x, y, _ in state.object_poses.tolist())
 
 
 def reward(dropped: bool) -> float:

@@ -6,7 +6,8 @@ and joints in one block of memory. To begin anew, the block is copied back from 
 poses are written by one call, and everything is added to a new, empty space, always in the same order. Through pymunk's
 objects that costs more than the motion that follows; through its C interface it costs a tenth of it.
 
-A body that is added ``asleep`` costs nothing until something touches it.
+A body that is added ``asleep`` costs nothing until something touches it: its joints are linked to it once and for all,
+and come into the space with it.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from pymunk._chipmunk_cffi import ffi, lib  # pinned in the constraints: a priva
 
 from visualrhp.types import FloatArray
 
-_SLOT_BYTES = 1024
-_USABLE_BYTES = 768  # the largest structure, a polygon, has 600 bytes
+_BYTES = {"cpBody": 320, "cpPolyShape": 640}
+_JOINT_BYTES = 320
+_GUARD_BYTES = 32  # of each, behind the structure: Chipmunk's largest of the kind has 280, 600 and 288 bytes
 _GUARD = 0xA5
 _ALIGNMENT = 64
 _ALL_CATEGORIES = 0xFFFFFFFF
@@ -45,35 +47,40 @@ class World:
     units.
 
     Args:
-        capacity: most bodies, shapes and joints together.
+        num_bodies: most bodies.
+        num_shapes: most convex parts of bodies.
+        num_joints: most joints.
 
     Attributes:
         ground: the body of the surface, which never moves.
         bodies: in the order in which they were added.
     """
 
-    def __init__(self, capacity: int) -> None:
-        num_slots = capacity + 1
-        memory = ffi.new("char[]", num_slots * _SLOT_BYTES + _ALIGNMENT)
+    def __init__(self, num_bodies: int, num_shapes: int, num_joints: int) -> None:
+        size = (num_bodies + 1) * _BYTES["cpBody"] + num_shapes * _BYTES["cpPolyShape"] + num_joints * _JOINT_BYTES
+        memory = ffi.new("char[]", size + _ALIGNMENT)
         self._base = memory + -int(ffi.cast("uintptr_t", memory)) % _ALIGNMENT
-        buffer = ffi.buffer(self._base, num_slots * _SLOT_BYTES)
-        self._slots = np.frombuffer(buffer, dtype=np.uint8).reshape(num_slots, _SLOT_BYTES)
-        self._slots[:, _USABLE_BYTES:] = _GUARD
-        self._num_used = 0
+        self._memory = np.frombuffer(ffi.buffer(self._base, size), dtype=np.uint8)
+        self._guards: list[slice] = []
+        self._end = 0
         self.bodies: list[Body] = []
         self._sleepers: list[Body] = []
         self._shapes: list[Any] = []
         self._joints: list[Joint] = []
+        self._dormant_joints: list[Joint] = []
         self.ground = self._body(0.0, 0.0, "STATIC")
         # A polygon of many vertices keeps some of them elsewhere.
         weakref.finalize(self, _destroy_shapes, self._shapes, memory)
 
     def _place(self, kind: str) -> Any:
-        """A pointer to the next free slot."""
-        if self._num_used == len(self._slots):
-            raise ValueError(f"a world of capacity {len(self._slots) - 1} is full")
-        self._num_used += 1
-        return ffi.cast(f"{kind} *", self._base + (self._num_used - 1) * _SLOT_BYTES)
+        """A pointer to room for a structure of Chipmunk's."""
+        start, end = self._end, self._end + _BYTES.get(kind, _JOINT_BYTES)
+        if end > self._memory.size:
+            raise ValueError("the world has no room for more than was asked for")
+        self._end = end
+        self._guards.append(slice(end - _GUARD_BYTES, end))
+        self._memory[self._guards[-1]] = _GUARD
+        return ffi.cast(f"{kind} *", self._base + start)
 
     def _body(self, mass: float, moment: float, kind: str = "DYNAMIC") -> Body:
         body = self._place("cpBody")
@@ -100,8 +107,7 @@ class World:
             parts: convex outlines [V, 2] in its frame [m], counter-clockwise.
             friction: Coulomb coefficient; that of a contact is the geometric mean of both bodies'.
             group: bodies of the same group other than 0 pass through each other.
-            asleep: whether it is left alone until something touches it. To be set on bodies that are not connected to
-                moving ones.
+            asleep: whether it is left alone until something touches it. Such a body has joints with the ground only.
         """
         body = self._body(mass, moment, "DYNAMIC" if mass > 0.0 else "KINEMATIC")
         lib.cpBodySetUserData(body, ffi.cast("void *", len(self.bodies)))
@@ -132,7 +138,7 @@ class World:
 
         Args:
             kind: its name in Chipmunk, without the prefix.
-            bodies: the two that it connects.
+            bodies: the two that it connects; a body that was added asleep is the second, and the ground the first.
             parameters: the rest of the arguments of its ``Init`` function.
             max_force: with which it acts [N], or [N m] for a joint of angles.
             error_bias: share of its error that is left after a second.
@@ -144,18 +150,24 @@ class World:
         lib.cpConstraintSetMaxForce(joint, max_force)
         lib.cpConstraintSetErrorBias(joint, error_bias)
         lib.cpConstraintSetMaxBias(joint, max_bias)
-        self._joints.append(joint)
+        (self._dormant_joints if bodies[1] in self._sleepers else self._joints).append(joint)
         return joint
 
     def freeze(self) -> None:
         """Remember everything as it is now: every space begins like this."""
-        if not (self._slots[:, _USABLE_BYTES:] == _GUARD).all():
+        if not all((self._memory[guard] == _GUARD).all() for guard in self._guards):
             raise RuntimeError("the structures of this pymunk are larger than those of the version that is pinned")
-        self._used = self._slots[: self._num_used]
+        # Chipmunk takes a body's joints out of a space when it falls asleep and puts them back when it wakes; linked to
+        # their bodies like this, they need not be put in and taken out first.
+        space = lib.cpSpaceNew()
+        for joint in self._dormant_joints:
+            lib.cpSpaceAddConstraint(space, joint)
+        lib.cpSpaceFree(space)
+        self._used = self._memory[: self._end]
         self._template = self._used.copy()
         num_bodies = len(self.bodies)
         spare = 4  # pymunk's arrays grow when they are nearly full, and these must not
-        self._poses = np.zeros((num_bodies, 3))
+        self._poses = np.zeros(3 * num_bodies)
         self._read = np.zeros(3 * num_bodies + spare)
         self._numbers = np.zeros(num_bodies + spare, dtype=np.uintp)
         self._poses_array = _float_array(self._poses)
@@ -169,11 +181,11 @@ class World:
         self._get_poses = ffi.new("pmBatchedData *", {**read, "fields": lib.BODY_ID | pose})
         self._get_velocities = ffi.new("pmBatchedData *", {**read, "fields": velocity})
 
-    def begin(self, poses: FloatArray) -> Space:
+    def begin(self, poses: Sequence[float] | FloatArray) -> Space:
         """A new space in which all bodies are at rest; to be freed (``lib.cpSpaceFree``) before the next begins.
 
         Args:
-            poses: [bodies, 3] x [m], y [m], angle [rad] of every body.
+            poses: [3 bodies] x [m], y [m], angle [rad] of every body.
         """
         self._used[...] = self._template
         self._poses[...] = poses
