@@ -1,6 +1,7 @@
 # Targets of VisualRHP. Needs Python 3.11 or newer and make; everything else goes into .venv.
 PYTHON ?= python3
 VENV := .venv
+PEERS := $(VENV)/peers
 PORT ?= 5000
 
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
@@ -14,10 +15,10 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
 
 .DEFAULT_GOAL := help
-.PHONY: help venv install repro test lint format ui bench clean
+.PHONY: help venv install repro test lint format ui bench bench-peers clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-16s %s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-18s %s\n", $$1, $$2 }'
 
 venv: $(VENV)/.created ## make the virtual environment
 
@@ -49,6 +50,9 @@ ui: $(INSTALLED) ## look at the runs in MLflow, on http://127.0.0.1:5000 (PORT=.
 bench: $(INSTALLED_FOR_TEST) ## measure speed
 	python -m tests.benchmarks
 
+bench-peers: $(INSTALLED_FOR_TEST) $(PEERS)/gym-pusht/.installed $(PEERS)/kinder/.installed ## measure speed beside gym-pusht and KinDER
+	python -m tests.benchmarks peers
+
 clean: ## delete the virtual environment and caches; outputs stay
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis *.egg-info
 
@@ -66,6 +70,12 @@ $(INSTALLED): $(VENV)/.created pyproject.toml constraints.txt
 $(INSTALLED_FOR_TEST): $(VENV)/.created pyproject.toml constraints.txt
 	python -m pip install --quiet --constraint constraints.txt --editable ".[test]"
 	@touch $(INSTALLED) $@
+
+# Other environments pin other versions of pymunk than ours and of each other's.
+$(PEERS)/%/.installed: tests/benchmarks/peers/%.txt | $(VENV)/.created
+	python -m venv --clear $(@D)
+	$(@D)/bin/python -m pip install --quiet --no-deps --requirement $<
+	@touch $@
 
 # DVC wants to be told when the project is not a git checkout (an unpacked archive).
 define DVC_WITH_OR_WITHOUT_GIT

@@ -77,7 +77,7 @@ def test_only_what_is_declared_is_imported() -> None:
     project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     requirements = [*project["dependencies"], *project["optional-dependencies"]["dask"]]
     declared = {requirement.split(">")[0].lower().replace("-", "_") for requirement in requirements}
-    of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core"}
+    of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core", "ruamel": "ruamel.yaml"}
     for path in [*MODULES, *(PACKAGE.parent / "pipelines").rglob("*.py")]:
         for line, module in imported_modules(path):
             top = module.split(".")[0]
