@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -41,10 +41,11 @@ ObjectSize = Literal["small", "mixed", "large"]
 _ROBOT_DIMENSIONS = 5
 
 
-_Angle = TypeVar("_Angle", float, FloatArray)
-
-
-def wrap_angle(angle: _Angle) -> _Angle:
+@overload
+def wrap_angle(angle: float) -> float: ...
+@overload
+def wrap_angle(angle: FloatArray) -> FloatArray: ...
+def wrap_angle(angle: float | FloatArray) -> float | FloatArray:
     """Wrap ``angle`` [rad] into [-pi, pi); one that is there already stays to the bit."""
     return angle - 2.0 * np.pi * np.floor((angle + np.pi) / (2.0 * np.pi))
 

@@ -236,7 +236,8 @@ class Scene:
         counts = [len(outline) for outline in outlines]
         ends = np.cumsum(counts).tolist()
         places = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-        return np.concatenate(outlines) @ (1.0, 1.0j), np.repeat(np.arange(len(counts)), counts), places
+        vertices = np.concatenate(outlines).view(np.complex128)[:, 0]
+        return vertices, np.repeat(np.arange(len(counts)), counts), places
 
     def __eq__(self, other: object) -> bool:
         return (
