@@ -1,7 +1,7 @@
 """Tasks side by side, and the arrays in which they show where they stand: what a batched environment is made of.
 
 A :class:`Board` is one block of memory with one row a slot, so that a process can work on some of the rows of a block
-that it shares with others (:mod:`visualrhp.environments.workers`). This module does without torch: it is what a worker
+that it shares with others (:mod:`visualrhp.environments.crew`). This module does without torch: it is what a worker
 process imports.
 """
 
