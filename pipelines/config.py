@@ -55,12 +55,12 @@ class ExecutorConfig:
     """Group ``executor``: who does the independent tasks of a stage; results never depend on it.
 
     Attributes:
-        name: ``local`` (processes on this machine) or ``dask`` (a cluster).
-        num_workers: processes; 1 works in the calling process, null takes every core.
+        name: ``loky`` (processes on this machine) or ``dask`` (a cluster).
+        num_workers: tasks that are worked on at once; null takes every core. 1 works in the calling process (loky).
         address: of the scheduler of a Dask cluster.
     """
 
-    name: Literal["local", "dask"]
+    name: Literal["loky", "dask"]
     num_workers: Count | None
     address: str | None
 

@@ -1,15 +1,21 @@
-"""Independent tasks on several workers."""
+"""Independent tasks on several workers: processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pipelines.config import ExecutorConfig
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+_CONNECTION_TIMEOUT_S = 30.0
+"""How long a scheduler may take to answer, and its first worker to be there."""
 
 
 def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executor: ExecutorConfig) -> Iterator[Result]:
@@ -18,25 +24,23 @@ def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executo
     A result has to be a function of its item alone, and carry the item's index if that matters. ``function`` and the
     items are sent to the workers, so they are small and can be pickled; each worker computes on one thread, so that
     results do not depend on the number of workers. An exception of a task is raised here, and the other tasks are
-    abandoned; so they are when the iterator is closed.
+    abandoned; so they are when the iterator is closed. A task whose Dask worker dies is given to another one.
+
+    Raises:
+        ConfigError: the Dask cluster cannot be reached, or has no worker.
     """
-    with _workers(executor) as num_workers:
-        if num_workers == 1:
-            yield from _in_this_process(function, items)
-            return
-        from joblib import Parallel, delayed
-
-        parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
-        results = parallel(delayed(function)(item) for item in items)
-        yield from cast("Iterator[Result]", results)
-
-
-def worker_count(executor: ExecutorConfig) -> int:
-    """Number of tasks that are worked on at once."""
-    if executor.num_workers is not None:
-        return executor.num_workers
     if executor.name == "dask":
-        return -1
+        yield from _on_cluster(function, items, executor)
+    elif worker_count(executor) == 1:
+        yield from _in_this_process(function, items)
+    else:
+        yield from _in_processes(function, items, worker_count(executor))
+
+
+def worker_count(executor: ExecutorConfig) -> int | None:
+    """Number of tasks that are worked on at once; None for all that a cluster has room for."""
+    if executor.num_workers is not None or executor.name == "dask":
+        return executor.num_workers
     from joblib import cpu_count
 
     return cpu_count()
@@ -55,41 +59,88 @@ def single_threaded() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-@contextmanager
-def _workers(executor: ExecutorConfig) -> Iterator[int]:
-    """Have joblib use the executor's workers within this block."""
-    num_workers = worker_count(executor)
-    if num_workers == 1 and executor.name == "local":
-        yield 1
-        return
-    from joblib import parallel_config
-
-    if executor.name == "local":
-        # Tasks are sent one by one: they take from milliseconds to minutes, and the slow ones should not queue up.
-        with parallel_config(backend="loky", n_jobs=num_workers, inner_max_num_threads=1):
-            yield num_workers
-        return
-    with _dask_client(executor), parallel_config(backend="dask", n_jobs=num_workers):
-        yield num_workers
-
-
-@contextmanager
-def _dask_client(executor: ExecutorConfig) -> Iterator[None]:
-    from visualrhp.errors import ConfigError
-
-    try:
-        from distributed import Client  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise ConfigError(
-            "executor=dask needs the package distributed, which is not installed: pip install '.[dask]', or choose "
-            "executor=local."
-        ) from error
-    with Client(executor.address):
-        yield
-
-
 def _in_this_process(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     for item in items:
         with single_threaded():
             result = function(item)
         yield result
+
+
+def _in_processes(function: Callable[[Item], Result], items: Iterable[Item], num_workers: int) -> Iterator[Result]:
+    from joblib import Parallel, delayed, parallel_config
+
+    # Tasks are sent one by one: they take from milliseconds to minutes, and the slow ones should not queue up.
+    with parallel_config(backend="loky", n_jobs=num_workers, inner_max_num_threads=1):
+        parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
+        results = parallel(delayed(function)(item) for item in items)
+        yield from cast("Iterator[Result]", results)
+
+
+def _on_cluster(
+    function: Callable[[Item], Result], items: Iterable[Item], executor: ExecutorConfig
+) -> Iterator[Result]:
+    """Twice as many tasks as there is room for are on the cluster at a time, so that no worker waits for the next."""
+    from distributed import as_completed
+
+    waiting = iter(items)
+    with _dask_client(executor) as client:
+        completed: Any = as_completed()
+        num_sent = num_done = 0
+
+        def send() -> None:
+            nonlocal num_sent
+            room = executor.num_workers or 2 * max(1, sum(client.ncores().values()))
+            while num_sent - num_done < room:
+                try:
+                    item = next(waiting)
+                except StopIteration:
+                    return
+                # Not "pure": else a task that equals an earlier one would be answered from memory.
+                completed.add(client.submit(_on_one_thread, function, item, pure=False))
+                num_sent += 1
+
+        send()
+        while num_done < num_sent:
+            future = next(completed)
+            num_done += 1
+            result = future.result()
+            future.release()
+            send()
+            yield result
+
+
+@contextmanager
+def _dask_client(executor: ExecutorConfig) -> Iterator[Client]:
+    from visualrhp.errors import ConfigError
+
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError(
+            "executor=dask needs the package distributed, which is not installed: pip install '.[dask]', or choose "
+            "executor=loky."
+        ) from error
+    try:
+        client = Client(executor.address, timeout=_CONNECTION_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"no Dask scheduler answers at executor.address={executor.address} ({error}); start one with dask "
+            "scheduler, or choose executor=loky."
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECTION_TIMEOUT_S)
+        except TimeoutError as error:
+            raise ConfigError(
+                f"the Dask scheduler at executor.address={executor.address} has no worker; start some with dask worker "
+                f"{executor.address} --nthreads 1, in the checkout and with the same environment."
+            ) from error
+        yield client
+
+
+def _on_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
+    """A task on the cluster. Workers there may run several at once, so the number of threads is not set back."""
+    import torch
+
+    torch.set_num_threads(1)
+    return function(item)

@@ -86,7 +86,7 @@ def test_the_table_has_a_row_an_episode_and_the_columns_of_the_specification(ref
 
 def test_outcomes_do_not_depend_on_the_workers(tmp_path: Path, reference: pd.DataFrame) -> None:
     config = configure()
-    parallel = replace(config, executor=ExecutorConfig("local", 2, None))
+    parallel = replace(config, executor=ExecutorConfig("loky", 2, None))
     episodes = episodes_in(evaluate(tmp_path, parallel))
     pd.testing.assert_frame_equal(episodes.drop(columns=TIMES), reference.drop(columns=TIMES))
 

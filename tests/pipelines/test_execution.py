@@ -11,8 +11,8 @@ from pipelines.config import ExecutorConfig
 from pipelines.execution import run_tasks, single_threaded, worker_count
 from visualrhp.errors import SimulationError
 
-ONE = ExecutorConfig(name="local", num_workers=1, address=None)
-TWO = ExecutorConfig(name="local", num_workers=2, address=None)
+ONE = ExecutorConfig(name="loky", num_workers=1, address=None)
+TWO = ExecutorConfig(name="loky", num_workers=2, address=None)
 
 
 def draw(seed: int, index: int) -> tuple[int, bytes, int]:
@@ -71,4 +71,4 @@ def test_threads_are_as_before_afterwards() -> None:
 
 def test_worker_count() -> None:
     assert worker_count(TWO) == 2
-    assert worker_count(ExecutorConfig("local", None, None)) >= 1
+    assert worker_count(ExecutorConfig("loky", None, None)) >= 1

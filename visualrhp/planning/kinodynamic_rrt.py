@@ -28,7 +28,7 @@ class SearchResult:
 
     Attributes:
         episode: the plan with its states, or None if the budget ran out first.
-        num_simulated: simulated actions.
+        num_simulated: simulated actions, those of shortening the plan included.
         num_nodes: states in the tree.
     """
 
@@ -67,6 +67,7 @@ class KinodynamicRRT(Planner):
         depth_weight: of an action from the root [m].
         max_simulations: budget: simulated actions after which the search gives up.
         time_limit_s: the paper's limit, 180 s in Sec. 7.5; None for results that depend on the seed alone.
+        shorten: whether actions that a found plan does without are dropped from it (:func:`shorten_plan`).
 
     Raises:
         ConfigError: a parameter is out of range.
@@ -85,6 +86,7 @@ class KinodynamicRRT(Planner):
     depth_weight: float = 0.01
     max_simulations: int = 100_000
     time_limit_s: float | None = None
+    shorten: bool = False
 
     def __post_init__(self) -> None:
         for name in ("num_children", "max_simulations"):
@@ -128,42 +130,137 @@ class KinodynamicRRT(Planner):
 
         return policy
 
-    def search(self, model: PlanningModel, state: State, rng: np.random.Generator) -> SearchResult:
-        """Search for a plan from ``state`` to a goal state of under 50 actions."""
-        if model.is_goal(state):
-            return SearchResult(Episode((state,), (), (), is_goal=True, is_dropped=False), 0, 1)
-        deadline = math.inf if self.time_limit_s is None else time.monotonic() + self.time_limit_s
-        tree = _Tree(state, self.depth_weight)
-        propose = _every_action_once if model.action_space.name == "discrete" else _partly_directed(self)
-        num_simulated = 0
-        while num_simulated < self.max_simulations and time.monotonic() < deadline:
-            sample = self._draw_sample(model.scene, state, rng)
-            node = tree.nearest(sample)
-            if node is None:
-                break
-            children = []
-            for action in propose(tree, node, sample, rng):
-                num_simulated += 1
-                try:
-                    child = model.simulate(tree.states[node], action)
-                except SimulationError:
-                    continue
-                if child.is_goal:
-                    episode = Episode.from_transitions([*tree.path(node), child])
-                    return SearchResult(episode, num_simulated, len(tree.states))
-                if not child.is_dropped:
-                    children.append(child)
-            for child in children:
-                tree.add(node, child)
-        return SearchResult(None, num_simulated, len(tree.states))
+    def search(
+        self, model: PlanningModel, state: State, rng: np.random.Generator, max_actions: int = MAX_EPISODE_ACTIONS
+    ) -> SearchResult:
+        """Search for a plan from ``state`` to a goal state of at most ``max_actions``; by default under 50."""
+        search = TreeSearch(self, model, state, rng, max_actions)
+        while not search.is_over:
+            search.expand()
+        plan, num_simulated = search.plan, search.num_simulated
+        if self.shorten and plan is not None:
+            plan, num_resimulated = shorten_plan(model, plan)
+            num_simulated += num_resimulated
+        return SearchResult(plan, num_simulated, search.num_nodes)
 
-    def _draw_sample(self, scene: Scene, start: State, rng: np.random.Generator) -> _Sample:
+    def draw_sample(self, scene: Scene, start: State, rng: np.random.Generator) -> _Sample:
+        """A pushing, robot or exploring sample, for a search that started in ``start``."""
         kind = rng.random()
         if kind < self.goal_bias:
             return _PushingSample(self, scene, start, rng, with_object=True)
         if kind < self.goal_bias + self.robot_bias:
             return _PushingSample(self, scene, start, rng, with_object=False)
         return _ExploringSample(self, scene, rng)
+
+
+class TreeSearch:
+    """A search under way: the tree of :class:`KinodynamicRRT`, grown by one expansion at a time.
+
+    Attributes:
+        plan: the way to the first goal state that was simulated; None until then.
+        num_simulated: simulated actions so far.
+    """
+
+    def __init__(
+        self, planner: KinodynamicRRT, model: PlanningModel, root: State, rng: np.random.Generator, max_actions: int
+    ) -> None:
+        self.plan = Episode((root,), (), (), is_goal=True, is_dropped=False) if model.is_goal(root) else None
+        self.num_simulated = 0
+        self._planner, self._model, self._root, self._rng = planner, model, root, rng
+        self._deadline = math.inf if planner.time_limit_s is None else time.monotonic() + planner.time_limit_s
+        self._tree = _Tree(root, planner.depth_weight, max_actions)
+        self._propose = _every_action_once if model.action_space.name == "discrete" else _partly_directed(planner)
+        self._is_exhausted = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there is a plan, the budget is spent, or every action has been tried in every node."""
+        return (
+            self.plan is not None
+            or self._is_exhausted
+            or self.num_simulated >= self._planner.max_simulations
+            or time.monotonic() >= self._deadline
+        )
+
+    @property
+    def num_nodes(self) -> int:
+        """States in the tree; nodes are numbered in the order in which they joined it, the root is 0."""
+        return len(self._tree.states)
+
+    def expand(self) -> range:
+        """Draw a sample and simulate actions in the node nearest to it; the nodes that joined the tree.
+
+        The first child in the goal becomes the end of the plan, and ends the expansion.
+        """
+        tree, num_nodes = self._tree, self.num_nodes
+        sample = self._planner.draw_sample(self._model.scene, self._root, self._rng)
+        node = tree.nearest(sample)
+        if node is None:
+            self._is_exhausted = True
+            return range(0)
+        children = []
+        for action in self._propose(tree, node, sample, self._rng):
+            self.num_simulated += 1
+            try:
+                child = self._model.simulate(tree.states[node], action)
+            except SimulationError:
+                continue
+            if child.is_goal:
+                self.plan = Episode.from_transitions([*tree.path(node), child])
+                return range(0)
+            if not child.is_dropped:
+                children.append(child)
+        for child in children:
+            tree.add(node, child)
+        return range(num_nodes, self.num_nodes)
+
+    def state(self, node: int) -> State:
+        """The state of ``node``."""
+        return self._tree.states[node]
+
+    def path(self, node: int) -> list[Transition]:
+        """The transitions from the root to ``node``."""
+        return self._tree.path(node)
+
+
+def shorten_plan(model: PlanningModel, plan: Episode) -> tuple[Episode, int]:
+    """Drop actions from ``plan`` as long as the others, simulated anew, still reach a goal state.
+
+    One action at a time is left out, the first one first; what followed it is simulated from the state before it, and
+    kept up to the first goal state, if there is one before a drop. Once no single action can be left out, the plan is
+    returned: never longer than it was, and a fixed point of this function. No random numbers are drawn.
+
+    Returns:
+        The plan, and the number of simulated actions.
+    """
+    num_simulated = index = num_needed = 0  # the last ``num_needed`` attempts in a row, all around, failed
+    while num_needed < len(plan):
+        index = index if index < len(plan) else 0
+        tail, num_tail = _replay(model, plan.states[index], plan.actions[index + 1 :])
+        num_simulated += num_tail
+        if tail is None:
+            index, num_needed = index + 1, num_needed + 1
+            continue
+        states, rewards = (*plan.states[:index], *tail.states), (*plan.rewards[:index], *tail.rewards)
+        plan = Episode(states, (*plan.actions[:index], *tail.actions), rewards, is_goal=True, is_dropped=False)
+        num_needed = 0
+    return plan, num_simulated
+
+
+def _replay(model: PlanningModel, state: State, actions: Sequence[Action]) -> tuple[Episode | None, int]:
+    """The episode of ``actions`` up to the first goal state, None if there is none; and the simulated actions."""
+    transitions: list[Transition] = []
+    for action in actions:
+        try:
+            transitions.append(model.simulate(state, action))
+        except SimulationError:
+            return None, len(transitions) + 1
+        state = transitions[-1].next_state
+        if transitions[-1].is_terminal:
+            break
+    if not transitions or not transitions[-1].is_goal:
+        return None, len(transitions)
+    return Episode.from_transitions(transitions), len(transitions)
 
 
 class _Sample(Protocol):
@@ -264,13 +361,13 @@ class _PushingSample:
 class _Tree:
     """States reached so far, the root first, in arrays that grow by doubling."""
 
-    def __init__(self, root: State, depth_weight: float) -> None:
+    def __init__(self, root: State, depth_weight: float, max_actions: int) -> None:
         self.states = [root]
         self._arrivals: list[Transition | None] = [None]
         self._parents = [-1]
         self._depths = [0]  # actions from the root
         self._known = {root}
-        self._depth_weight = depth_weight
+        self._depth_weight, self._max_actions = depth_weight, max_actions
         self._vectors = np.empty((_INITIAL_CAPACITY, root.vector.size))  # [capacity, 5 + 3 m]
         self._penalties = np.empty(_INITIAL_CAPACITY)  # [capacity] m, added to distances; infinite once closed
         self._vectors[0], self._penalties[0] = root.vector, 0.0
@@ -289,7 +386,7 @@ class _Tree:
     def add(self, parent: int, arrival: Transition) -> None:
         """Add the state that ``arrival`` led to, unless it is known, or so deep that no action would be left in it."""
         state, node, depth = arrival.next_state, len(self.states), self._depths[parent] + 1
-        if state in self._known or depth >= MAX_EPISODE_ACTIONS:
+        if state in self._known or depth >= self._max_actions:
             return
         if node == len(self._penalties):
             self._vectors = np.concatenate([self._vectors, np.empty_like(self._vectors)])

@@ -34,7 +34,7 @@ _ORIGIN_COLUMN = IMAGE_SIZE / 2 - 0.5
 _ORIGIN_ROW = IMAGE_SIZE - VIEW_BEHIND * _PIXELS_PER_METRE - 0.5
 _SCALE = _PIXELS_PER_METRE * _SUBPIXELS
 _ORIGIN = (_ORIGIN_COLUMN + 1j * _ORIGIN_ROW) * _SUBPIXELS
-_CIRCLE: Final = np.exp(2j * np.pi * np.arange(32) / 32)
+_FORWARD = -1j * _SCALE
 
 
 class Label(IntEnum):
@@ -61,6 +61,8 @@ PALETTE: Final = np.array(
 )
 """[6, 3] RGB colour of each label (Sec. 5.1)."""
 
+_NOTHING: Final = np.full((IMAGE_SIZE, IMAGE_SIZE), Label.EDGE, dtype=np.uint8)
+
 
 def label_image(scene: Scene, state: State) -> LabelImage:
     """Draw the abstract image of ``state``.
@@ -68,12 +70,12 @@ def label_image(scene: Scene, state: State) -> LabelImage:
     Returns:
         [64, 64] uint8 of :class:`Label`, row 0 ahead of the gripper, column 0 to its left.
     """
-    scene_pixels, target_pixels = _subpixels(scene, state)
+    pixels = _subpixels(scene, state)
     _, _, places = scene.stacked_outlines
-    surface, palm, left, right, desired, *obstacles = [scene_pixels[place] for place in places]
-    image = np.full((IMAGE_SIZE, IMAGE_SIZE), Label.EDGE, dtype=np.uint8)
+    surface, target, palm, left, right, desired, *obstacles = [pixels[place] for place in places]
+    image = _NOTHING.copy()
     _fill(image, [surface], Label.BACKGROUND)
-    _fill(image, [target_pixels], Label.TARGET)
+    _fill(image, [target], Label.TARGET)
     if obstacles:
         _fill(image, obstacles, Label.OBSTACLE)
     _fill(image, [desired], Label.DESIRED_OBJECT)
@@ -81,33 +83,24 @@ def label_image(scene: Scene, state: State) -> LabelImage:
     return image
 
 
-def _subpixels(scene: Scene, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Column and row of all outlines [sum of V, 2], stacked as in the scene, and of the target region [32, 2]; int32.
+def _subpixels(scene: Scene, state: State) -> np.ndarray:
+    """Column and row of all outlines, stacked as in the scene: [sum of V, 2] int32.
 
     In complex numbers, a point z of a body with pose (p, theta) is w = (p + z e^{i theta} - p_r) e^{-i theta_r} in the
     gripper frame, with columns to the right (minus left) and rows down (minus forward): column + i row =
     origin - i scale conj(w).
     """
-    vertices, owner, places = scene.stacked_outlines
-    x, y, theta, opening = state.vector[:4].tolist()
-    poses = state.object_poses
-    half = 0.5 * opening
+    vertices, owner, _ = scene.stacked_outlines
+    x, y, theta, opening, _, *poses = state.vector.tolist()
     turn = -1j * _SCALE * cmath.exp(1j * theta)
-    factors, offsets = np.empty(len(places), dtype=np.complex128), np.empty(len(places), dtype=np.complex128)
-    factors[0], offsets[0] = turn, _ORIGIN - turn * (x - 1j * y)  # the surface
-    factors[1:4] = -1j * _SCALE
-    offsets[1:4] = _ORIGIN, _ORIGIN - _SCALE * half, _ORIGIN + _SCALE * half
-    factors[4:] = turn * np.exp(-1j * poses[:, 2])
-    offsets[4:] = offsets[0] + turn * (poses[:, 0] - 1j * poses[:, 1])
-    target = scene.target
-    centre = offsets[0] + turn * complex(target.position[0], -target.position[1])
-    return _rounded(vertices.conj() * factors[owner] + offsets[owner]), _rounded(
-        centre + _SCALE * target.radius * _CIRCLE
-    )
-
-
-def _rounded(points: np.ndarray) -> np.ndarray:
-    """[N, 2] int32 of [N] complex."""
+    world = _ORIGIN - turn * complex(x, -y)
+    aside = 0.5 * opening * _SCALE
+    factors = [turn, turn, _FORWARD, _FORWARD, _FORWARD]
+    offsets = [world, world, _ORIGIN, _ORIGIN - aside, _ORIGIN + aside]
+    for x, y, theta in zip(*[iter(poses)] * 3, strict=True):
+        factors.append(turn * cmath.exp(-1j * theta))
+        offsets.append(world + turn * complex(x, -y))
+    points = vertices.conj() * np.array(factors)[owner] + np.array(offsets)[owner]
     return np.rint(points.view(np.float64)).astype(np.int32).reshape(-1, 2)
 
 

@@ -36,6 +36,9 @@ __all__ = [
 CENTRE_TOLERANCE = 1e-9
 """How far the centre of mass of an outline may be from the origin of its frame [m], in x and in y."""
 
+_ANGLES = 2.0 * np.pi * np.arange(32) / 32
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectShape:
@@ -224,14 +227,15 @@ class Scene:
 
     @cached_property
     def stacked_outlines(self) -> tuple[npt.NDArray[np.complex128], IntArray, list[slice]]:
-        """All outlines in one array: surface, palm, left finger, right finger, then the objects.
+        """All outlines in one array: surface, target region, palm, left finger, right finger, then the objects.
 
         Returns:
-            Vertices x + i y [m] in the frames of their bodies (the surface's is the world), [sum of V]; the number of
-            the outline that each belongs to, [sum of V]; and where each outline is, [4 + m].
+            Vertices x + i y [m] in the frames of their bodies (surface and target: the world), [sum of V]; the number
+            of the outline that each belongs to, [sum of V]; and where each outline is, [5 + m].
         """
-        gripper = self.gripper
-        outlines = [self.edges, gripper.palm, gripper.finger(1), gripper.finger(-1)]
+        gripper, target = self.gripper, self.target
+        outlines = [self.edges, target.position + target.radius * _CIRCLE]
+        outlines += [gripper.palm, gripper.finger(1), gripper.finger(-1)]
         outlines += [shape.outline for shape in self.objects]
         counts = [len(outline) for outline in outlines]
         ends = np.cumsum(counts).tolist()
