@@ -5,12 +5,18 @@ folder, so that a killed run loses at most the blocks in flight. The set consist
 solved instances by index; an instance without a plan is recorded as a failure and replaced by the next index. So the
 set depends on the configuration and the seed alone. It is published with a metrics file (counts, nothing that depends
 on the speed of the machine), a table of lengths, a contact sheet and a video.
+
+The command looks at what an earlier run of it published: shards that have been damaged since are named and made again,
+a whole set is left as it is.
 """
 
 from __future__ import annotations
 
+import errno
 import itertools
+import logging
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +28,8 @@ if TYPE_CHECKING:
     from visualrhp.learning.demonstrations import Arrays, DemonstrationSet
     from visualrhp.rendering.video import Frame
 
+_log = logging.getLogger(__name__)
+
 STAGE = "generate_demos"
 
 _BLOCK_SIZE = 8
@@ -30,6 +38,8 @@ _BLOCK_SIZE = 8
 _NUM_TRIALS = 200
 """Attempts before a planner that solves next to nothing is given up."""
 
+_NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
 _SHEET_ROWS, _SHEET_COLUMNS, _SHEET_SIZE_PX = 8, 8, 160
 _VIDEO_FPS = 12.0
 
@@ -37,16 +47,22 @@ _VIDEO_FPS = 12.0
 @app(STAGE, GenerateDemosConfig)
 def main(config: GenerateDemosConfig) -> None:
     from pipelines.tracking import open_run
-    from pipelines.work import discard, publish, work_folder
+    from pipelines.work import discard, git_commit, publish, work_folder
 
-    work = work_folder(config, STAGE)
-    with open_run(config, STAGE, f"demonstrations {config.action_space.name}", work) as run:
-        folder = generate(config, work, run)
-        for path in sorted(folder.iterdir()):
-            if not path.name.startswith("shard"):
-                run.log_artifact(path)
-        publish(folder, config.paths.artefact)
-    discard(work)
+    # Blocks that other code has made are not taken up: they might not replay.
+    work = work_folder(config, STAGE, {"commit": git_commit() or ""})
+    with _a_full_disk_explained(work):
+        published = Path(config.paths.artefact)
+        if mend(config, published, work):
+            discard(work)
+            return
+        with open_run(config, STAGE, f"demonstrations {config.action_space.name}", work) as run:
+            folder = generate(config, work, run)
+            for path in sorted(folder.iterdir()):
+                if not path.name.startswith("shard"):
+                    run.log_artifact(path)
+            publish(folder, published)
+        discard(work)
 
 
 def generate(config: GenerateDemosConfig, work: Path, run: Run) -> Path:
@@ -55,15 +71,15 @@ def generate(config: GenerateDemosConfig, work: Path, run: Run) -> Path:
     Raises:
         ConfigError: the planner's parameters are out of range, or it solves next to nothing.
     """
-    import shutil
-
     from pipelines.work import card
     from visualrhp.files import write_json, write_text
     from visualrhp.learning.demonstrations import DemonstrationSet, DemonstrationWriter
 
     folder = work / "set"
-    shutil.rmtree(folder, ignore_errors=True)  # what is in blocks is joined anew
+    _remove_unfinished_files(folder)
+    _remove_unfinished_files(work / "blocks")
     count = config.demonstrations.count
+    # Shards of an earlier start are written over, one by one, by the same bytes.
     writer = DemonstrationWriter(folder, config.action_space.name, count, config.demonstrations.shard_size)
     statistics = _Statistics()
     for arrays in _blocks_in_order(config, work / "blocks", writer, run):
@@ -82,29 +98,115 @@ def generate(config: GenerateDemosConfig, work: Path, run: Run) -> Path:
     return folder
 
 
-def _blocks_in_order(config: GenerateDemosConfig, folder: Path, writer: Any, run: Run) -> Iterator[Arrays]:
-    """Blocks of attempts by index, until ``writer`` is complete: those on the disk are read, the others generated."""
-    from visualrhp.errors import DataError
-    from visualrhp.learning.demonstrations import read_arrays
+def mend(config: GenerateDemosConfig, folder: Path, work: Path) -> bool:
+    """Whether ``folder`` holds the set that ``config`` describes, after shards that are damaged were made again.
 
+    What other code or another configuration has made is not mended; nor is a set that, made again, is another one.
+    """
+    from pipelines.work import card
+    from visualrhp.errors import DataError
+    from visualrhp.files import atomic_path
+    from visualrhp.learning.demonstrations import (
+        between,
+        concatenate,
+        damaged_shards,
+        file_hash,
+        read_card,
+        write_arrays,
+    )
+
+    try:
+        found = read_card(folder)
+    except DataError:
+        return False
+    about = card(config, STAGE)
+    if any(found.get(key) != value for key, value in about.items()) or not about["commit"]:
+        return False
+    damages = damaged_shards(folder, found)
+    if not damages and about["commit"].endswith("-dirty"):
+        return False  # the code may have changed since
+    for number, damage in damages.items():
+        _log.warning("%s", damage)
+        shard = found["shards"][number]
+        first, stop = shard["first_index"], shard["first_index"] + shard["num_attempts"]
+        blocks = range(first // _BLOCK_SIZE, -(-stop // _BLOCK_SIZE))
+        arrays = concatenate(list(_blocks(config, work / "blocks", blocks, None)))
+        del arrays["search_time_s"]
+        again = work / shard["file"]
+        write_arrays(again, between(arrays, first - blocks.start * _BLOCK_SIZE, stop - blocks.start * _BLOCK_SIZE))
+        if file_hash(again) != shard["sha256"]:
+            _log.warning("%s, made again, is another one: the whole set is made anew.", shard["file"])
+            return False
+        with atomic_path(folder / shard["file"]) as path:
+            path.write_bytes(again.read_bytes())
+    if damages:
+        _log.info("%d shards of %s were made again, to the bit.", len(damages), folder)
+    else:
+        _log.info("%s holds these %d demonstrations already.", folder, found["num_demonstrations"])
+    return True
+
+
+def _remove_unfinished_files(folder: Path) -> None:
+    """Remove what a killed process was writing (see ``visualrhp.files.atomic_path``)."""
+    for path in folder.glob(".*.tmp.*"):
+        path.unlink()
+
+
+@contextmanager
+def _a_full_disk_explained(work: Path) -> Iterator[None]:
+    """Turn the error of a disk that is full into a sentence.
+
+    Raises:
+        DataError: a file could not be written for want of space.
+    """
+    from visualrhp.errors import DataError
+
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        cause: BaseException | None = error  # zipfile closes the file while the error is on its way, and fails again
+        while cause is not None and getattr(cause, "errno", None) not in _NO_SPACE:
+            cause = cause.__cause__ or cause.__context__
+        if not isinstance(cause, OSError):
+            raise
+        finished = len(list((work / "blocks").glob("block-*")))
+        raise DataError(
+            f"There is no space left to write demonstrations ({cause.strerror}): free some on the disk of {work} and "
+            f"of paths.artefact, and start the same command again. It goes on from here: {finished} finished blocks "
+            f"of {_BLOCK_SIZE} attempts and all finished shards are kept."
+        ) from error
+
+
+def _blocks_in_order(config: GenerateDemosConfig, folder: Path, writer: Any, run: Run) -> Iterator[Arrays]:
+    """Blocks of attempts by index, until ``writer`` is complete."""
     first = 0
     while not writer.is_complete:
         last = first + -(-writer.num_missing // _BLOCK_SIZE)  # enough, if none of them fails
-        _generate_missing(config, folder, range(first, last), run)
-        for number in range(first, last):
-            try:
-                arrays = read_arrays(_block_path(folder, number))
-            except DataError:  # damaged since it was written
-                _block_path(folder, number).unlink(missing_ok=True)
-                _generate_missing(config, folder, range(number, number + 1), run)
-                arrays = read_arrays(_block_path(folder, number))
+        for arrays in _blocks(config, folder, range(first, last), run):
             yield arrays
             if writer.is_complete:
                 return
         first = last
 
 
-def _generate_missing(config: GenerateDemosConfig, folder: Path, numbers: range, run: Run) -> None:
+def _blocks(config: GenerateDemosConfig, folder: Path, numbers: range, run: Run | None) -> Iterator[Arrays]:
+    """The blocks with these ``numbers``, in order: those on the disk are read, the others generated first."""
+    from visualrhp.errors import DataError
+    from visualrhp.learning.demonstrations import read_arrays
+
+    _generate_missing(config, folder, numbers, run)
+    for number in numbers:
+        try:
+            arrays = read_arrays(_block_path(folder, number))
+        except DataError as damage:  # since it was written
+            _log.warning("%s", damage)
+            _block_path(folder, number).unlink(missing_ok=True)
+            _generate_missing(config, folder, range(number, number + 1), run)
+            arrays = read_arrays(_block_path(folder, number))
+        yield arrays
+
+
+def _generate_missing(config: GenerateDemosConfig, folder: Path, numbers: range, run: Run | None) -> None:
     """Generate the blocks with these ``numbers`` that are not on the disk yet."""
     import functools
     import time
@@ -127,7 +229,7 @@ def _generate_missing(config: GenerateDemosConfig, folder: Path, numbers: range,
             # The parent alone writes; a block is there wholly or not at all.
             write_arrays(_block_path(folder, int(arrays["index"][0]) // _BLOCK_SIZE), arrays)
             progress.update(_BLOCK_SIZE)
-            if done % step == 0 or done == len(missing):
+            if run is not None and (done % step == 0 or done == len(missing)):
                 rate = done * _BLOCK_SIZE / (time.perf_counter() - begun)
                 attempted = numbers.start * _BLOCK_SIZE + finished + done * _BLOCK_SIZE
                 run.log_metrics(

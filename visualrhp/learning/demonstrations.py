@@ -33,6 +33,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import struct
 import time
 import zipfile
 from collections import Counter
@@ -45,7 +46,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.errors import DataError
+from visualrhp.errors import ActionError, DataError, SceneError, SimulationError
 from visualrhp.files import atomic_path, read_json, write_json
 from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT
 from visualrhp.scene.gripper import Gripper
@@ -135,16 +136,60 @@ def monte_carlo_returns(rewards: npt.ArrayLike, discount: float = DISCOUNT) -> F
 
 def replays_exactly(task: TaskInstance, episode: Episode, model: TransitionModel) -> bool:
     """Whether the actions, simulated from the first state, give all states and rewards to the bit, and the goal."""
+    return replay_difference(task, episode, model) is None
+
+
+def replay_difference(task: TaskInstance, episode: Episode, model: TransitionModel) -> str | None:
+    """What is first found to differ when the actions are simulated from the first state: a state or reward by a single
+    bit, or a last state that is no goal; None for a demonstration that replays exactly."""
     state = task.state
     if state != episode.states[0]:
-        return False
+        return "state 0 is not that of the task instance"
     is_goal = False
-    for action, reward, expected in zip(episode.actions, episode.rewards, episode.states[1:], strict=True):
-        transition = model.simulate(state, action)
-        if transition.next_state != expected or transition.reward != reward:
-            return False
+    steps = zip(episode.actions, episode.rewards, episode.states[1:], strict=True)
+    for step, (action, reward, expected) in enumerate(steps, start=1):
+        try:
+            transition = model.simulate(state, action)
+        except (ActionError, SceneError, SimulationError) as error:
+            return f"action {step} of {len(episode)} cannot be simulated: {error}"
+        if transition.next_state != expected:
+            distance = np.abs(transition.next_state.vector - expected.vector).max()
+            return f"state {step} of {len(episode)} is another one, by {distance:.3g}"
+        if transition.reward != reward:
+            return f"reward {step} of {len(episode)} is {transition.reward:g}, not {reward:g}"
         state, is_goal = transition.next_state, transition.is_goal
-    return is_goal
+    return None if is_goal else f"the last of {len(episode)} states is no goal"
+
+
+def replay_block(
+    arrays: Mapping[str, npt.NDArray[Any]], physics: Physics | None = None
+) -> tuple[int, int, list[tuple[int, str]]]:
+    """Replay the demonstrations in the arrays of a shard; a unit of parallel work that is cheap to send around.
+
+    Returns:
+        demonstrations that replay exactly, their transitions, and (index of the task instance, what differs) of the
+        others (see :func:`replay_difference`).
+    """
+    shard = Shard(arrays)
+    space: ActionSpaceName = "discrete" if arrays["actions"].ndim == 1 else "continuous"
+    num_exact = num_transitions = 0
+    differing = []
+    for position in shard.demonstrations:
+        episode = shard.episode(position)
+        assert episode is not None  # only solved attempts have a position
+        index = int(arrays["index"][position])
+        try:
+            task = shard.task(position)
+            difference = replay_difference(
+                task, episode, TransitionModel(task.scene, make_action_space(space), physics or Physics())
+            )
+        except SceneError as error:
+            difference = f"the scene cannot be simulated: {error}"
+        if difference is None:
+            num_exact, num_transitions = num_exact + 1, num_transitions + len(episode)
+        else:
+            differing.append((index, difference))
+    return num_exact, num_transitions, differing
 
 
 # --- storing ----------------------------------------------------------------------------------------------------------
@@ -272,6 +317,11 @@ def head(arrays: Mapping[str, npt.NDArray[Any]], count: int) -> Arrays:
     return {name: array[: sizes.get(name, count)] for name, array in arrays.items()}
 
 
+def between(arrays: Mapping[str, npt.NDArray[Any]], start: int, stop: int) -> Arrays:
+    """Return the arrays of the attempts at the positions ``start`` up to ``stop`` of a shard."""
+    return _tail(head(arrays, stop), start)
+
+
 def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
     """Write arrays to an npz file, atomically; the same bytes for the same arrays."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -291,6 +341,44 @@ def read_arrays(path: Path) -> Arrays:
         raise DataError(f"{path} is missing; it should be a shard of demonstrations.") from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
         raise DataError(f"{path} is damaged and cannot be read as npz ({error}); make it again.") from error
+
+
+def map_arrays(path: Path) -> Arrays:
+    """Map the arrays of an npz file that :func:`write_arrays` wrote into memory: read from the disk as they are used.
+
+    The operating system holds what is in use and lets go of it when memory is short. Nothing is verified.
+
+    Raises:
+        DataError: the file is missing or damaged.
+    """
+    arrays: Arrays = {}
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            for member in archive.infolist():
+                if member.compress_type != zipfile.ZIP_STORED:
+                    raise ValueError(f"{member.filename} is compressed")
+                file.seek(member.header_offset)
+                header = file.read(_ZIP_HEADER.size)
+                *_, name_length, extra_length = _ZIP_HEADER.unpack(header)
+                file.seek(member.header_offset + _ZIP_HEADER.size + name_length + extra_length)
+                version = np.lib.format.read_magic(file)
+                read_header = {
+                    (1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0,
+                }[version]
+                shape, _, dtype = read_header(file)
+                if dtype.hasobject:
+                    raise ValueError(f"{member.filename} holds objects")
+                name = member.filename.removesuffix(".npy")
+                if 0 in shape:  # nothing to map
+                    arrays[name] = np.empty(shape, dtype)
+                else:
+                    arrays[name] = np.memmap(file, dtype, mode="r", offset=file.tell(), shape=shape)
+    except FileNotFoundError:
+        raise DataError(f"{path} is missing; it should be a shard of demonstrations.") from None
+    except (OSError, ValueError, EOFError, KeyError, struct.error, zipfile.BadZipFile) as error:
+        raise DataError(f"{path} is damaged and cannot be read as npz ({error}); make it again.") from error
+    return arrays
 
 
 class DemonstrationWriter:
@@ -380,6 +468,10 @@ class DemonstrationWriter:
             **provenance,
         }
         write_json(self._folder / CARD_FILE, card)
+        known = {shard["file"] for shard in self._shards}
+        for path in self._folder.glob("shard-*.npz"):  # of a larger set that was here
+            if path.name not in known:
+                path.unlink()
         return card
 
     def _append(self, part: Arrays) -> None:
@@ -412,7 +504,7 @@ class DemonstrationWriter:
             {
                 "file": path.name,
                 "bytes": path.stat().st_size,
-                "sha256": _file_hash(path),
+                "sha256": file_hash(path),
                 "first_index": int(arrays["index"][0]),
                 "num_attempts": len(arrays["index"]),
                 "num_demonstrations": int(arrays["solved"].sum()),
@@ -425,8 +517,34 @@ class DemonstrationWriter:
 # --- reading ----------------------------------------------------------------------------------------------------------
 
 
+def read_card(folder: str | Path) -> dict[str, Any]:
+    """Read the card of the demonstration set in ``folder``.
+
+    Raises:
+        DataError: it is missing, damaged, or something else; the message names the file.
+    """
+    path = Path(folder) / CARD_FILE
+    if not path.is_file():
+        raise DataError(f"{path} is missing: there is no finished set of demonstrations there; generate one first.")
+    card = read_json(path)
+    if not isinstance(card, dict) or card.get("kind") != "demonstrations" or card.get("format") != FORMAT:
+        raise DataError(f"{path} is not the card of a demonstration set of format {FORMAT}; generate the set again.")
+    return card
+
+
+def damaged_shards(folder: str | Path, card: Mapping[str, Any]) -> dict[int, str]:
+    """Number of every shard that is missing, truncated or altered -> what is wrong, with the name of the file."""
+    damages = {}
+    for number, shard in enumerate(card["shards"]):
+        damage = _damage(Path(folder) / shard["file"], shard)
+        if damage is not None:
+            damages[number] = damage
+    return damages
+
+
 class DemonstrationSet:
-    """Stored demonstrations. Opening reads the card and verifies the checksums; shards are read when first needed.
+    """Stored demonstrations. Opening reads the card and verifies the checksums; the shards are mapped into memory, and
+    a demonstration is read from the disk when it is asked for.
 
     Iterating yields (TaskInstance, Episode); positions run from 0 to ``len(set) - 1`` and leave failures out.
     """
@@ -451,20 +569,14 @@ class DemonstrationSet:
         """
         folder = Path(folder)
         path = folder / CARD_FILE
-        if not path.is_file():
-            raise DataError(f"{path} is missing: there is no finished set of demonstrations there; generate one first.")
-        card = read_json(path)
-        if not isinstance(card, dict) or card.get("kind") != "demonstrations" or card.get("format") != FORMAT:
-            raise DataError(
-                f"{path} is not the card of a demonstration set of format {FORMAT}; generate the set again."
-            )
+        card = read_card(folder)
         if action_space is not None and card["action_space"] != action_space:
             raise DataError(
                 f"{path} belongs to demonstrations in the {card['action_space']} action space; the {action_space} "
                 "action space needs its own."
             )
-        for shard in card["shards"]:
-            _verify_shard(folder / shard["file"], shard)
+        for damage in damaged_shards(folder, card).values():
+            raise DataError(damage)
         return cls(folder, card)
 
     @property
@@ -516,14 +628,14 @@ class DemonstrationSet:
         return np.concatenate(parts)
 
     def shard(self, number: int) -> Shard:
-        """The shard file ``number``, read on first use.
+        """The shard file ``number``, mapped into memory on first use.
 
         Raises:
             DataError: the file was damaged since the set was opened.
         """
         if number not in self._shards:
             path = self._folder / self.card["shards"][number]["file"]
-            arrays = read_arrays(path)
+            arrays = map_arrays(path)
             _check_action_space(arrays, self.action_space, str(path))
             self._shards[number] = Shard(arrays)
         return self._shards[number]
@@ -540,24 +652,29 @@ class DemonstrationSet:
 
 # --- helpers ----------------------------------------------------------------------------------------------------------
 
+_ZIP_HEADER = struct.Struct("<4s5H3I2H")
+"""Local header of a member of a zip file, up to the lengths of its name and its extra field."""
+
 _GRIPPER_FIELDS = len(dataclasses.fields(Gripper))
 _ACTION_DIMENSION = 4
 
 
-def _verify_shard(path: Path, expected: Mapping[str, Any]) -> None:
+def _damage(path: Path, expected: Mapping[str, Any]) -> str | None:
+    """What is wrong with a shard file; None if it is what the card says."""
     if not path.is_file():
-        raise DataError(f"{path} is missing, but the card beside it lists it; generate the demonstrations again.")
+        return f"{path} is missing, but the card beside it lists it; the command that made the set makes it again."
     size = path.stat().st_size
     if size != expected["bytes"]:
-        raise DataError(
-            f"{path} has {size} bytes where the card says {expected['bytes']}: it is damaged; generate the "
-            "demonstrations again."
+        return (
+            f"{path} has {size} bytes where the card says {expected['bytes']}: it is damaged; the command that made "
+            "the set makes it again."
         )
-    if _file_hash(path) != expected["sha256"]:
-        raise DataError(
-            f"{path} does not have the SHA-256 checksum that the card says: it is damaged; generate the demonstrations "
-            "again."
+    if file_hash(path) != expected["sha256"]:
+        return (
+            f"{path} does not have the SHA-256 checksum that the card says: it is damaged; the command that made the "
+            "set makes it again."
         )
+    return None
 
 
 def _check_action_space(arrays: Mapping[str, npt.NDArray[Any]], action_space: ActionSpaceName, what: str) -> None:
@@ -591,6 +708,7 @@ def _offsets(sizes: IntArray) -> IntArray:
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes)])
 
 
-def _file_hash(path: Path) -> str:
+def file_hash(path: Path) -> str:
+    """SHA-256 of the content of a file, as on the card."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
