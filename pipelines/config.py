@@ -10,10 +10,10 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal
 
-from pipelines.decode import Count, Fraction, Index, NonNegative, Positive, Range
+from pipelines.decode import Count, Fraction, Index, NonNegative, Positive, Range, suggestion
 
 ActionSpaceName = Literal["discrete", "continuous"]
 RepresentationName = Literal["image", "cartesian"]
@@ -545,6 +545,89 @@ class PlayConfig(PipelineConfig):
     heuristics: str
     video: PlayVideoConfig
     live: Literal["auto", True, False]
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The search for weights of the handcrafted heuristic.
+
+    Attributes:
+        num_trials: sets of weights that are tried, the first of them those of the planner.
+        num_random_trials: of which are drawn at random before the model of the objective proposes.
+        num_instances: task instances of a trial, per action space.
+        block: instances between two looks of the pruner.
+        action_cost: share of a success that a full episode of actions costs.
+        ranges: smallest and largest value of every weight that is searched.
+    """
+
+    num_trials: Count
+    num_random_trials: Count
+    num_instances: Count
+    block: Count
+    action_cost: NonNegative
+    ranges: dict[str, tuple[Positive, Positive]]
+
+    def __post_init__(self) -> None:
+        weights = [item.name for item in fields(CraftedHeuristicConfig) if item.name != "kind"]
+        if not self.ranges:
+            raise _error("search.ranges is empty: no weight would be searched.")
+        for name, (low, high) in self.ranges.items():
+            if name not in weights:
+                raise _error(f"search.ranges.{name} is no weight. {suggestion(name, weights)}")
+            if not low < high:
+                raise _error(f"search.ranges.{name}=[{low:g}, {high:g}]: the smaller bound comes first.")
+
+
+@dataclass(frozen=True)
+class SelectionConfig:
+    """Attributes: the ``num_finalists`` best trials, and the first, are compared on ``num_instances`` others."""
+
+    num_finalists: Count
+    num_instances: Count
+
+
+@dataclass(frozen=True)
+class CheckConfig:
+    """Attributes: the best and the first weights are compared on ``num_instances`` further task instances."""
+
+    num_instances: Count
+
+
+@dataclass(frozen=True)
+class TuneCraftedConfig(PipelineConfig):
+    """``python -m pipelines.tune_crafted``.
+
+    Attributes:
+        action_spaces: in which every trial is run; the weights are one set for all of them.
+    """
+
+    scene: SceneConfig
+    physics: PhysicsConfig
+    planner: PlannerConfig
+    action_spaces: tuple[ActionSpaceName, ...]
+    search: SearchConfig
+    selection: SelectionConfig
+    check: CheckConfig
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        heuristic = getattr(self.planner, "heuristic", None)
+        if not isinstance(self.planner, RecedingHorizonConfig) or not isinstance(heuristic, CraftedHeuristicConfig):
+            raise _error(
+                f"planner.name={self.planner.name} has no handcrafted heuristic whose weights could be searched: "
+                "choose planner=crafted_heuristic_rhp."
+            )
+        if not self.action_spaces or len(set(self.action_spaces)) < len(self.action_spaces):
+            raise _error(
+                f"action_spaces={list(self.action_spaces)} should name one action space or several different ones."
+            )
+        for name, (low, high) in self.search.ranges.items():
+            start = getattr(heuristic, name)
+            if not low <= start <= high:
+                raise _error(
+                    f"planner.heuristic.{name}={start:g}, the first to be tried, is not in search.ranges.{name}="
+                    f"[{low:g}, {high:g}]."
+                )
 
 
 def _check_learner(algorithm: str, action_space: str) -> None:

@@ -17,7 +17,7 @@ from pipelines.app import app, command_line_overrides, compose, override_keys
 from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
 from visualrhp.errors import ConfigError, DataError
 
-PIPELINES = ("generate_demos", "train_il", "train_rl", "evaluate", "report", "play")
+PIPELINES = ("generate_demos", "train_il", "train_rl", "evaluate", "report", "play", "tune_crafted")
 Run = Callable[..., tuple[int, str]]
 
 
@@ -95,6 +95,9 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("play", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
         ("play", [], "outputs/train_rl/continuous/image/heuristic.safetensors, which does not exist. Make it with"),
         ("play", ["planner=cartesian_rhp", "scene.num_objects=3"], "heuristic_m3.safetensors, which does not exist"),
+        ("tune_crafted", ["planner=greedy"], "has no handcrafted heuristic whose weights could be searched"),
+        ("tune_crafted", ["action_space=discrete"], "action_space is not read here"),
+        ("tune_crafted", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
     ],
 )
 def test_a_mistake_is_one_paragraph_and_no_work(
@@ -217,6 +220,7 @@ def test_questions_are_answered_without_heavy_imports(pipeline: str, question: l
     heavy = {
         "torch",
         "torchrl",
+        "optuna",
         "mlflow",
         "pandas",
         "scipy",

@@ -25,6 +25,7 @@ from pipelines.config import (
     ReportConfig,
     TrainILConfig,
     TrainRLConfig,
+    TuneCraftedConfig,
     suite_overrides,
 )
 
@@ -35,8 +36,9 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "evaluate": EvaluateConfig,
     "report": ReportConfig,
     "play": PlayConfig,
+    "tune_crafted": TuneCraftedConfig,
 }
-NO_STAGE = {"play"}  # nothing depends on what it makes
+NO_STAGE = {"play", "tune_crafted"}  # nothing depends on what they make; the weights found are a part of conf/
 SCALES = ("smoke", "quick", "paper")
 EXPERIMENTS = {
     "fig5": "train_il",
