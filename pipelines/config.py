@@ -235,9 +235,30 @@ class KinodynamicRRTConfig:
     depth_weight: NonNegative
     max_simulations: Count
     time_limit_s: Positive | None
+    shorten: bool
 
 
-PlannerConfig = RecedingHorizonConfig | GreedyConfig | KinodynamicRRTConfig
+@dataclass(frozen=True)
+class ClosedLoopKRRTConfig:
+    """The fields of :class:`visualrhp.planning.closed_loop_krrt.ClosedLoopKRRT`; ``name`` is what reports call it."""
+
+    algorithm: Literal["closed_loop_krrt"]
+    name: str
+    rrt: KinodynamicRRTConfig
+    keep_plan: bool
+
+
+@dataclass(frozen=True)
+class DHRRTConfig:
+    """The fields of :class:`visualrhp.planning.dhrrt.DHRRT`; ``name`` is what reports call it."""
+
+    algorithm: Literal["dhrrt"]
+    name: str
+    rrt: KinodynamicRRTConfig
+    progress: Positive
+
+
+PlannerConfig = RecedingHorizonConfig | GreedyConfig | KinodynamicRRTConfig | ClosedLoopKRRTConfig | DHRRTConfig
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipelines.config import (
+    ClosedLoopKRRTConfig,
     CraftedHeuristicConfig,
+    DHRRTConfig,
     GreedyConfig,
     KinodynamicRRTConfig,
     LearnedHeuristicConfig,
@@ -16,7 +18,7 @@ from pipelines.config import (
 )
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.heuristics.heuristic import Heuristic
-from visualrhp.planning import Greedy, KinodynamicRRT, Planner, RecedingHorizon
+from visualrhp.planning import DHRRT, ClosedLoopKRRT, Greedy, KinodynamicRRT, Planner, RecedingHorizon
 from visualrhp.types import ActionSpaceName
 
 
@@ -34,9 +36,11 @@ def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristi
         case GreedyConfig():
             return Greedy(_build_heuristic(config.heuristic, action_space, heuristics, num_objects))
         case KinodynamicRRTConfig():
-            parameters = asdict(config)
-            del parameters["algorithm"], parameters["name"]
-            return KinodynamicRRT(**parameters)
+            return _build_rrt(config)
+        case ClosedLoopKRRTConfig():
+            return ClosedLoopKRRT(_build_rrt(config.rrt), config.keep_plan)
+        case DHRRTConfig():
+            return DHRRT(_build_rrt(config.rrt), config.progress)
 
 
 def needed_network(
@@ -46,11 +50,19 @@ def needed_network(
 
     An image network serves every density, a Cartesian one its own (Sec. 7.5).
     """
-    if isinstance(config, KinodynamicRRTConfig) or isinstance(config.heuristic, CraftedHeuristicConfig):
+    if isinstance(config, KinodynamicRRTConfig | ClosedLoopKRRTConfig | DHRRTConfig):
+        return None
+    if isinstance(config.heuristic, CraftedHeuristicConfig):
         return None
     representation = config.heuristic.representation
     stem = "heuristic" if representation == "image" else f"heuristic_m{num_objects}"
     return Path(heuristics) / action_space / representation / f"{stem}.safetensors"
+
+
+def _build_rrt(config: KinodynamicRRTConfig) -> KinodynamicRRT:
+    parameters = asdict(config)
+    del parameters["algorithm"], parameters["name"]
+    return KinodynamicRRT(**parameters)
 
 
 def _build_heuristic(

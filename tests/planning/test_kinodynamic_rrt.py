@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.planning.conftest import LEFT, RIGHT
 from visualrhp.errors import ConfigError
-from visualrhp.planning import KinodynamicRRT
+from visualrhp.planning import KinodynamicRRT, shorten_plan
 from visualrhp.scene import SceneDistribution, Split, TaskInstance, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, TransitionModel, make_action_space
-from visualrhp.types import ActionSpaceName, State
+from visualrhp.types import Action, ActionSpaceName, Episode, State
 
 ACTION_SPACES: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
 
@@ -97,6 +98,79 @@ def test_the_policy_is_open_loop_and_gives_up_after_its_plan(line_world: Callabl
     assert actions == [0, 0, 0, None]
     gives_up = KinodynamicRRT().start(line_world(goal=10**6), np.random.default_rng(0))
     assert gives_up(start(0)).action is None
+
+
+@pytest.mark.parametrize(("max_actions", "is_solved"), [(3, True), (2, False), (0, False)])
+def test_a_search_keeps_to_the_actions_that_it_is_given(
+    line_world: Callable[..., Any], max_actions: int, is_solved: bool
+) -> None:
+    result = KinodynamicRRT().search(line_world(goal=3), start(0), np.random.default_rng(0), max_actions)
+    assert (result.episode is not None) == is_solved
+
+
+# -------------------------------------------------- shortening
+def episode_of(world: Any, state: State, actions: list[Action]) -> Episode:
+    transitions = []
+    for action in actions:
+        transitions.append(world.simulate(state, action))
+        state = transitions[-1].next_state
+    return Episode.from_transitions(transitions)
+
+
+STAY = 2
+
+
+@pytest.mark.parametrize(
+    ("actions", "shorter"),
+    [
+        ([RIGHT, RIGHT, RIGHT], [RIGHT, RIGHT, RIGHT]),
+        ([STAY, RIGHT, STAY, STAY, RIGHT, RIGHT], [RIGHT, RIGHT, RIGHT]),
+        # without the step to the left the goal comes earlier, and what followed it is no longer needed
+        ([RIGHT, RIGHT, LEFT, RIGHT, RIGHT], [RIGHT, RIGHT, RIGHT]),
+        ([RIGHT, LEFT, LEFT, RIGHT, RIGHT, RIGHT, RIGHT], [RIGHT, RIGHT, RIGHT]),
+        ([], []),
+    ],
+)
+def test_actions_that_a_plan_does_without_are_dropped(
+    line_world: Callable[..., Any], actions: list[Action], shorter: list[Action]
+) -> None:
+    world = line_world(goal=3, edge=-5)
+    plan = episode_of(world, start(0), actions) if actions else Episode((start(3),), (), (), True, False)
+    world.simulated.clear()
+    found, num_simulated = shorten_plan(world, plan)
+    assert list(found.actions) == shorter and found.is_goal
+    assert num_simulated == len(world.simulated)
+    assert not shorter or episode_of(world, start(0), shorter) == found
+
+
+def test_a_way_over_a_drop_is_no_shorter_plan(line_world: Callable[..., Any]) -> None:
+    world = line_world(goal=3, edge=0)
+    plan = episode_of(world, start(0), [RIGHT, LEFT, RIGHT, RIGHT, RIGHT])
+    assert shorten_plan(world, plan)[0].actions == (RIGHT,) * 3
+    assert (0, LEFT) in world.simulated  # tried without the first action, and refused: it drops the object
+
+
+@pytest.mark.parametrize("action_space", ACTION_SPACES)
+def test_the_search_shortens_its_plan_on_request(action_space: ActionSpaceName) -> None:
+    num_shorter = 0
+    for index in range(4):
+        task, model = task_and_model(action_space, index)
+        long = KinodynamicRRT().search(model, task.state, np.random.default_rng(index))
+        short = KinodynamicRRT(shorten=True).search(model, task.state, np.random.default_rng(index))
+        assert long.episode is not None and short.episode is not None
+        expected, num_simulated = shorten_plan(model, long.episode)
+        assert short.episode.states == expected.states
+        assert short.num_simulated == long.num_simulated + num_simulated
+        assert shorten_plan(model, expected)[0].states == expected.states  # nothing is left to be dropped
+        state = task.state
+        for action, next_state in zip(expected.actions, expected.states[1:], strict=True):
+            assert not model.is_goal(state)
+            state = model.simulate(state, action).next_state
+            assert state == next_state
+        assert model.is_goal(state)
+        assert expected.rewards == (-1.0,) * len(expected)
+        num_shorter += len(expected) < len(long.episode)
+    assert num_shorter > 0
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ class TreeSearch:
         self._deadline = math.inf if planner.time_limit_s is None else time.monotonic() + planner.time_limit_s
         self._tree = _Tree(root, planner.depth_weight, max_actions)
         self._propose = _every_action_once if model.action_space.name == "discrete" else _partly_directed(planner)
-        self._is_exhausted = False
+        self._is_exhausted = max_actions < 1
 
     @property
     def is_over(self) -> bool:
@@ -236,7 +236,7 @@ def shorten_plan(model: PlanningModel, plan: Episode) -> tuple[Episode, int]:
     num_simulated = index = num_needed = 0  # the last ``num_needed`` attempts in a row, all around, failed
     while num_needed < len(plan):
         index = index if index < len(plan) else 0
-        tail, num_tail = _replay(model, plan.states[index], plan.actions[index + 1 :])
+        tail, num_tail = replay(model, plan.states[index], plan.actions[index + 1 :])
         num_simulated += num_tail
         if tail is None:
             index, num_needed = index + 1, num_needed + 1
@@ -247,8 +247,12 @@ def shorten_plan(model: PlanningModel, plan: Episode) -> tuple[Episode, int]:
     return plan, num_simulated
 
 
-def _replay(model: PlanningModel, state: State, actions: Sequence[Action]) -> tuple[Episode | None, int]:
-    """The episode of ``actions`` up to the first goal state, None if there is none; and the simulated actions."""
+def replay(model: PlanningModel, state: State, actions: Sequence[Action]) -> tuple[Episode | None, int]:
+    """Take ``actions`` from ``state`` on, up to the first terminal state.
+
+    Returns:
+        The episode, None unless it ends in a goal state; and the number of simulated actions.
+    """
     transitions: list[Transition] = []
     for action in actions:
         try:

@@ -1,0 +1,64 @@
+"""Closed-loop K.RRT: the planner of Sec. 6.1 again in every state that is not the one it foresaw. No part of the paper.
+
+The paper runs K.RRT open loop (Sec. 7.5), which fails where the world departs from the model (Sec. 8.2). This baseline
+needs no learning either, and closes the loop as receding horizon planning does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT, replay
+from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
+from visualrhp.simulation.task import MAX_EPISODE_ACTIONS
+from visualrhp.types import Action, State
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoopKRRT(Planner):
+    """Plans to the goal after each action, and takes the first action of the plan.
+
+    A state that is to the bit the one that the plan foresaw is not planned in again: nothing is known now that was not
+    known before. Where the model is the world, that is always so, and the planner acts as it does open loop; where it
+    is not, hardly ever.
+
+    In any other state a new tree is grown, which has ``rrt.max_simulations`` and ``rrt.time_limit_s`` to find a plan
+    within the actions that are left in the episode. If it finds none, the rest of the old plan is followed, although
+    the state is not the one that it was made for; once nothing is left of it, the planner gives up.
+
+    Attributes:
+        rrt: the search and its budget for one decision.
+        keep_plan: whether the rest of the plan is first simulated from the observed state, and kept if it still reaches
+            a goal state: less to plan, and less turning back and forth between plans that have little in common.
+    """
+
+    rrt: KinodynamicRRT
+    keep_plan: bool = False
+
+    @property
+    def name(self) -> str:
+        return "K.RRT closed loop"
+
+    def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
+        """Return a policy for one episode; its first call is taken to be in the episode's initial state."""
+        plan: list[Action] = []  # what is still to be done
+        foreseen: list[State] = []  # the state that each action of the plan is to be taken in
+        num_decisions = 0
+
+        def policy(state: State) -> Decision:
+            nonlocal plan, foreseen, num_decisions
+            if not plan or state != foreseen[0]:
+                found = replay(model, state, plan)[0] if self.keep_plan else None
+                if found is None:
+                    found = self.rrt.search(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions).episode
+                if found is not None:
+                    plan, foreseen = list(found.actions), list(found.states[:-1])
+            if not plan:
+                return Decision(action=None)
+            num_decisions += 1
+            action, plan, foreseen = plan[0], plan[1:], foreseen[1:]
+            return Decision(action=action)
+
+        return policy

@@ -1,0 +1,90 @@
+"""Kinodynamic RRT with a dynamic planning horizon, in the manner of dhRRT. No part of the paper.
+
+After Ren, Kavraki and Hang, "Rearrangement-Based Manipulation via Kinodynamic Planning and Dynamic Planning Horizons",
+IROS 2022 (arXiv:2208.02312): planning and execution are interleaved, and how far a plan looks ahead follows from the
+progress that it makes by a heuristic of the task, so that most of the way is planned from states that were observed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visualrhp.errors import ConfigError
+from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT, TreeSearch
+from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
+from visualrhp.scene.scene import Scene
+from visualrhp.simulation.task import MAX_EPISODE_ACTIONS
+from visualrhp.types import Action, State
+
+
+@dataclass(frozen=True, slots=True)
+class DHRRT(Planner):
+    """Plans until the heuristic has improved by ``progress``, executes that motion, observes, and plans again.
+
+    In an observed state s_0 a tree is grown until it has a goal state, or a state s with h(s) <= h(s_0) - ``progress``,
+    or its budget is spent. The motion to the goal state, or else to the state of the least h, is executed to its end;
+    its length is the horizon. If no state is better than s_0 when the budget is spent, the planner gives up.
+
+    The heuristic is :func:`distance_to_target`.
+
+    What departs from dhRRT: the tree is that of :class:`KinodynamicRRT` (its samples, its metric, several children an
+    expansion, all of them kept), in place of theirs; budgets are counts of simulated actions; a motion is cut at the
+    action limit of an episode (Sec. 7.3); the tree is not kept from one horizon to the next.
+
+    Attributes:
+        rrt: the search and its budget for one horizon.
+        progress: by how much h has to improve [m].
+
+    Raises:
+        ConfigError: ``progress`` is not positive.
+    """
+
+    rrt: KinodynamicRRT
+    progress: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.progress > 0.0:
+            raise ConfigError(f"progress={self.progress} of dhRRT: must be positive.")
+
+    @property
+    def name(self) -> str:
+        return "dhRRT"
+
+    def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
+        motion: list[Action] = []  # what is still to be done of it, the next action last
+        num_decisions = 0
+
+        def policy(state: State) -> Decision:
+            nonlocal motion, num_decisions
+            if not motion:
+                motion = self.plan_motion(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions)[::-1]
+            num_decisions += 1
+            return Decision(action=motion.pop() if motion else None)
+
+        return policy
+
+    def plan_motion(
+        self, model: PlanningModel, state: State, rng: np.random.Generator, max_actions: int = MAX_EPISODE_ACTIONS
+    ) -> list[Action]:
+        """The next motion: up to ``max_actions`` actions; none in a goal state, or where the search found nothing."""
+        search = TreeSearch(self.rrt, model, state, rng, max_actions)
+        best, least = 0, distance_to_target(model.scene, state)
+        wanted = least - self.progress
+        while not search.is_over and least > wanted:
+            for node in search.expand():
+                distance = distance_to_target(model.scene, search.state(node))
+                if distance < least:
+                    best, least = node, distance
+        if search.plan is not None:
+            return list(search.plan.actions)
+        return [transition.action for transition in search.path(best)]
+
+
+def distance_to_target(scene: Scene, state: State) -> float:
+    """h: distance of the desired object's centre from the target region [m], 0 within it."""
+    x, y = state.vector[5:7].tolist()
+    target_x, target_y = scene.target.position.tolist()
+    return max(math.hypot(x - target_x, y - target_y) - scene.target.radius, 0.0)
