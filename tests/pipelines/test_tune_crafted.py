@@ -199,7 +199,7 @@ def test_a_hopeless_trial_is_stopped_early(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("pretended")
 def test_the_selection_decides_not_the_search(tmp_path: Path) -> None:
     config, records = configure(), RecordFile(tmp_path / "trials.jsonl")
-    for trial, (reach, value) in enumerate([(18.0, 0.5), (200.0, 0.9), (60.0, 0.8), (61.0, 0.1)]):
+    for trial, (reach, value) in enumerate([(18.0, 0.5), (100.0, 0.9), (60.0, 0.8), (61.0, 0.1)]):
         records.append(Record("search", trial, {"reach": reach}, {4: value}, {}, is_pruned=False))
     assert pipeline.select(config, records).trial == 2
     assert {record.trial for record in records.of("selection")} == {0, 1, 2}
