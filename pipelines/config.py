@@ -404,6 +404,37 @@ class GenerateDemosConfig(PipelineConfig):
 
 
 @dataclass(frozen=True)
+class VerifyDemosConfig(PipelineConfig):
+    """``python -m pipelines.verify_demos``. Attributes: ``demonstrations``, the folder of the set."""
+
+    demonstrations: str
+
+
+@dataclass(frozen=True)
+class ExportDemosConfig(PipelineConfig):
+    """``python -m pipelines.export_demos``.
+
+    Attributes:
+        demonstrations: folder of the set.
+        format: ``parquet`` or ``minari``.
+        observation: what the Minari data set shows of a state: ``image``, or ``cartesian`` features.
+        num_objects: density whose demonstrations are exported; null for all (Cartesian features need one).
+        dataset_id: what Minari calls the data set.
+    """
+
+    demonstrations: str
+    format: Literal["parquet", "minari"]
+    observation: RepresentationName
+    num_objects: Count | None
+    dataset_id: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.format == "minari" and self.observation == "cartesian" and self.num_objects is None:
+            raise _error("num_objects is missing: Cartesian features need one density, such as num_objects=4.")
+
+
+@dataclass(frozen=True)
 class TrainILConfig(PipelineConfig):
     """``python -m pipelines.train_il``.
 
