@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_guidance_in_the_discrete_action_space_is_the_networks_q_values() -> Non
     images = torch.from_numpy(np.stack([IMAGE(t.scene, t.state) for t in some]))
     with torch.no_grad():
         expected = network(images, torch.zeros(3))
-    np.testing.assert_allclose(guidance.q_values, expected.numpy(), rtol=1e-6)
+    np.testing.assert_allclose(guidance.q_values, expected.numpy(), rtol=1e-5, atol=1e-5)
     assert guidance.q_values.dtype == np.float64
     assert guidance.temperature == 2.5
 
@@ -49,6 +50,28 @@ def test_guidance_in_the_continuous_action_space_is_a_gaussian() -> None:
     assert guidance.means.shape == guidance.stds.shape == (3, 4)
     assert guidance.values.shape == (3,)
     assert heuristic.action_space == "continuous"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda network: torch.optim.SGD(network.parameters(), lr=0.1).step(),
+        lambda network: torch.optim.Adam(network.parameters(), lr=0.1, fused=True).step(),
+        lambda network: network.load_state_dict({n: 1.1 * t for n, t in network.state_dict().items()}),
+        lambda network: network.double(),
+    ],
+    ids=["optimizer", "fused optimizer", "weights from elsewhere", "other precision"],
+)
+def test_a_network_in_training_guides_with_its_present_weights(change: Callable[[torch.nn.Module], None]) -> None:
+    torch.manual_seed(4)
+    network = make_network("discrete", IMAGE)
+    heuristic = LearnedHeuristic(network)
+    task = tasks(1)[0]
+    heuristic.guide([task.scene], [task.state])
+    network(torch.from_numpy(IMAGE(task.scene, task.state))[None], torch.zeros(1)).sum().backward()
+    change(network)
+    after = heuristic.guide([task.scene], [task.state])
+    np.testing.assert_array_equal(after.values, LearnedHeuristic(network).guide([task.scene], [task.state]).values)
 
 
 def test_temperature_must_be_positive() -> None:

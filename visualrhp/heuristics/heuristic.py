@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
 
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import make_action_space
@@ -73,7 +72,9 @@ class SoftmaxGuidance(Guidance):
     @property
     def probabilities(self) -> FloatArray:
         """[B, 8] P(a|s)."""
-        return softmax(self.q_values / self.temperature, axis=1)
+        scaled = self.q_values / self.temperature
+        weights = np.exp(scaled - scaled.max(axis=1, keepdims=True))
+        return weights / weights.sum(axis=1, keepdims=True)
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
         cumulative = np.cumsum(self.probabilities, axis=1)

@@ -82,7 +82,7 @@ class LabelConvolution(nn.Module):
             "within": torch.cartesian_prod(within, within),  # [16, 2]
             "taps": torch.stack(torch.meshgrid(taps, taps, indexing="ij")),  # [2, 3, 3]
             "kernel_index": _kernel_index(out_channels),
-            "windows": _windows(),
+            "windows": cell_windows()[1],
         }
         for name, constant in constants.items():
             self.register_buffer(f"_{name}", constant, persistent=False)
@@ -96,6 +96,20 @@ class LabelConvolution(nn.Module):
         lowest, highest = _cell_range(padded)
         cell_labels = torch.where(lowest == highest, lowest, _MIXED)
 
+        kernel, offsets, uniform, plane = self.parts()
+        pooled = _PooledColourConvolution.apply(
+            kernel, offsets, uniform, cell_labels, codes, self._code_colours, self._kernel_index, self._windows
+        )
+        maps = pooled.view(-1, _CELLS * _CELLS, self.out_channels) + plane
+        return maps.view(-1, _CELLS, _CELLS, self.out_channels).permute(0, 3, 1, 2)
+
+    def parts(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+        """What the weights come down to.
+
+        Returns:
+            The kernel of the colours [out, 3, 3, 3]; what the coordinates add at the 16 pixels of a cell [16, out]; the
+            pooled values of a cell of one label [6, out]; what the coordinates add to every cell as a whole [256, out].
+        """
         kernel, coordinate_kernel = self.convolution.weight.split((3, 2), dim=1)
         slope = coordinate_kernel.sum(dim=(2, 3)).T  # [2, out]
         plane = self._centres @ slope + (coordinate_kernel * self._taps).sum(dim=(1, 2, 3))  # [256, out]
@@ -103,12 +117,12 @@ class LabelConvolution(nn.Module):
             plane = plane + self.convolution.bias
         offsets = self._within @ slope  # [16, out]
         uniform = self._colours @ kernel.sum(dim=(2, 3)).T + offsets.amax(dim=0)  # [6, out]
+        return kernel, offsets, uniform, plane
 
-        pooled = _PooledColourConvolution.apply(
-            kernel, offsets, uniform, cell_labels, codes, self._code_colours, self._kernel_index, self._windows
-        )
-        maps = pooled.view(-1, _CELLS * _CELLS, self.out_channels) + plane
-        return maps.view(-1, _CELLS, _CELLS, self.out_channels).permute(0, 3, 1, 2)
+    def table(self) -> torch.Tensor:
+        """[12, 216, 16 out] the share of a code at each of the twelve places in the values to be pooled."""
+        kernel, offsets, _, _ = self.parts()
+        return _table(kernel, offsets, self._code_colours, self._kernel_index)
 
 
 class _PooledColourConvolution(torch.autograd.Function):
@@ -144,9 +158,7 @@ class _PooledColourConvolution(torch.autograd.Function):
         out = len(kernel)
         image, row, column = (cell_labels == _MIXED).nonzero(as_tuple=True)  # [n] each: the cells to be convolved
         corners = (image * (IMAGE_SIZE + 2) + row * POOLING) * IMAGE_SIZE + column * POOLING  # their first code
-        shares = functional.pad(kernel.flatten(), (0, 1))[kernel_index]  # [12, 9, 16 out]
-        table = code_colours @ shares  # [12, 216, 16 out]
-        table[0] += offsets.flatten()  # every cell has one code at the first place
+        table = _table(kernel, offsets, code_colours, kernel_index)
         rows = codes.flatten().index_select(0, (corners[:, None] + windows).flatten()).view(-1, _PLACES) + (
             torch.arange(0, _PLACES * _CODES, _CODES, dtype=torch.int32, device=codes.device)
         )
@@ -184,6 +196,16 @@ class _PooledColourConvolution(torch.autograd.Function):
         return kernel, offsets.view(_POSITIONS, out), uniform, None, None, None, None, None
 
 
+def _table(
+    kernel: torch.Tensor, offsets: torch.Tensor, code_colours: torch.Tensor, kernel_index: torch.Tensor
+) -> torch.Tensor:
+    """See :meth:`LabelConvolution.table`."""
+    shares = functional.pad(kernel.flatten(), (0, 1))[kernel_index]  # [12, 9, 16 out]
+    table = code_colours @ shares
+    table[0] += offsets.flatten()  # every cell has one code at the first place
+    return table
+
+
 def _cell_range(padded: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Least and greatest label [B, 16, 16] of each cell and its border, from the padded image [B, 66, 66]."""
     lowest = highest = padded
@@ -197,9 +219,15 @@ def _cell_range(padded: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return lowest, highest
 
 
-def _windows() -> torch.Tensor:
-    """[12] where the codes of a cell are in the flat code map, from its first: two in each of six rows."""
-    return (torch.arange(_PATCH)[:, None] * IMAGE_SIZE + torch.arange(0, _PATCH, 3)).flatten()
+def cell_windows() -> tuple[torch.Tensor, torch.Tensor]:
+    """Where the codes of a cell are in the flat map of codes [66 * 64].
+
+    Returns:
+        [256] the first code of each cell; [12] the codes of a cell from its first: two in each of six rows.
+    """
+    steps = torch.arange(0, IMAGE_SIZE, POOLING)
+    within = torch.arange(_PATCH)[:, None] * IMAGE_SIZE + torch.arange(0, _PATCH, 3)
+    return (steps[:, None] * IMAGE_SIZE + steps).flatten(), within.flatten()
 
 
 def _kernel_index(out: int) -> torch.Tensor:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
+from torch import nn
 
 from visualrhp.errors import CheckpointError, ConfigError
 from visualrhp.heuristics.heuristic import GaussianGuidance, Guidance, Heuristic, SoftmaxGuidance
+from visualrhp.heuristics.inference import FastNetwork
 from visualrhp.heuristics.networks import ActorCritic, QNetwork
 from visualrhp.scene.scene import Scene
 from visualrhp.types import State
@@ -19,6 +20,9 @@ DEFAULT_TEMPERATURE = 1.0
 
 class LearnedHeuristic(Heuristic):
     """Guides by a network: the softmax of action values, or a Gaussian policy with its value.
+
+    The network is computed by :mod:`visualrhp.heuristics.inference`: what it says of a state is the same to the bit
+    whichever other states are asked about with it.
 
     Args:
         network: is looked at, not copied; a network in training guides with its present weights.
@@ -34,6 +38,9 @@ class LearnedHeuristic(Heuristic):
         self.network = network
         self.temperature = temperature
         self.action_space = network.action_space
+        self._parameters = tuple(network.parameters())
+        self._version: tuple[object, ...] = ()
+        self._fast: FastNetwork
 
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
         """Look at B states, each in its scene, in one call of the network.
@@ -49,15 +56,22 @@ class LearnedHeuristic(Heuristic):
                         f"this Cartesian network reads scenes of {observe.num_objects} objects and cannot guide in "
                         f"one of {scene.num_objects}; every density needs its own (Sec. 7.5)"
                     )
-        observations = torch.from_numpy(np.stack([observe(*pair) for pair in zip(scenes, states, strict=True)]))
-        closed = torch.tensor([state.gripper_closed for state in states])
-        device = next(self.network.parameters()).device
-        with torch.inference_mode():
-            outputs = self.network(observations.to(device), closed.to(device))
-        if isinstance(outputs, torch.Tensor):
-            return SoftmaxGuidance(_numpy(outputs), self.temperature)
-        return GaussianGuidance(*map(_numpy, outputs))
+        observations = np.stack([observe(scene, state) for scene, state in zip(scenes, states, strict=True)])
+        closed = np.array([state.gripper_closed for state in states])
+        outputs = [output.astype(np.float64) for output in self._present_network()(observations, closed)]
+        if len(outputs) == 1:
+            return SoftmaxGuidance(outputs[0], self.temperature)
+        return GaussianGuidance(*outputs)
 
+    def _present_network(self) -> FastNetwork:
+        """The network with the weights that it has now.
 
-def _numpy(tensor: torch.Tensor) -> np.ndarray:
-    return tensor.double().cpu().numpy()
+        PyTorch counts the changes of a parameter in place, but not those that fused optimizers make: these are seen in
+        the biases of the last layer that all outputs share, which no step of training leaves as they are.
+        """
+        *_, last = (layer for layer in self.network.body if isinstance(layer, nn.Linear))
+        counts = [(parameter._version, parameter.data_ptr()) for parameter in self._parameters]
+        version = (*counts, last.bias.detach().cpu().numpy().tobytes())
+        if version != self._version:
+            self._fast, self._version = FastNetwork(self.network), version
+        return self._fast

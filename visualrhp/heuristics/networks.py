@@ -59,9 +59,13 @@ class CoordConv(nn.Module):
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:
         """[B, in, s, s] to [B, out, s / 2, s / 2]."""
-        kernel, coordinate_kernel = self.convolution.weight.split((self.in_channels, 2), dim=1)
-        plane = functional.conv2d(self._coordinates, coordinate_kernel, self.convolution.bias, padding=1)
+        kernel, plane = self.parts()
         return functional.max_pool2d(functional.conv2d(maps, kernel, padding=1) + plane, 2)
+
+    def parts(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The kernel of the maps [out, in, 3, 3], and what coordinates and bias add [1, out, s, s]."""
+        kernel, coordinate_kernel = self.convolution.weight.split((self.in_channels, 2), dim=1)
+        return kernel, functional.conv2d(self._coordinates, coordinate_kernel, self.convolution.bias, padding=1)
 
 
 class ImageEncoder(nn.Module):
