@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 
 from tests.benchmarks.sections import SECTIONS, run_apart
 from tests.benchmarks.timing import FULL, QUICK
@@ -21,11 +22,18 @@ def main() -> int:
     )
     parser.add_argument("sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all by default")
     parser.add_argument("--quick", action="store_true", help="hardly any repetitions: to see that it works")
+    parser.add_argument("--instances", type=int, help="task instances a density, for the section rrt")
+    parser.add_argument("--time-limit", type=float, metavar="S", help="of a search, for the section rrt [s]")
     options = parser.parse_args()
     unknown = [name for name in options.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"no section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
-    went_well = [run_apart(name, QUICK if options.quick else FULL) for name in options.sections or SECTIONS]
+    effort = QUICK if options.quick else FULL
+    if options.instances is not None:
+        effort = replace(effort, instances=options.instances)
+    if options.time_limit is not None:
+        effort = replace(effort, time_limit_s=options.time_limit)
+    went_well = [run_apart(name, effort) for name in options.sections or SECTIONS]
     return 0 if all(went_well) else 1
 
 

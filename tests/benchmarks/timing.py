@@ -23,15 +23,19 @@ class Effort:
         repetitions: of everything that is timed.
         motions: different (state, motion) pairs that a figure of the simulation is the mean of.
         seconds: how long a peer's environment is stepped at a time.
+        instances: task instances a density that K.RRT is tried on.
+        time_limit_s: after which a search counts as unsolved; the paper's is 180 s (Sec. 7.5).
     """
 
     repetitions: int = 15
     motions: int = 50
     seconds: float = 0.5
+    instances: int = 20
+    time_limit_s: float = 180.0
 
 
 FULL = Effort()
-QUICK = Effort(repetitions=1, motions=4, seconds=0.05)
+QUICK = Effort(repetitions=1, motions=4, seconds=0.05, instances=1, time_limit_s=0.2)
 
 
 class Ratio(NamedTuple):
