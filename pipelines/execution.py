@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pipelines.config import ExecutorConfig
@@ -72,8 +76,27 @@ def _in_processes(function: Callable[[Item], Result], items: Iterable[Item], num
     # Tasks are sent one by one: they take from milliseconds to minutes, and the slow ones should not queue up.
     with parallel_config(backend="loky", n_jobs=num_workers, inner_max_num_threads=1):
         parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
-        results = parallel(delayed(function)(item) for item in items)
+        results = parallel(delayed(_while_parent_lives)(os.getpid(), function, item) for item in items)
         yield from cast("Iterator[Result]", results)
+
+
+def _while_parent_lives(parent: int, function: Callable[[Item], Result], item: Item) -> Result:
+    """A task in a process of this machine."""
+    _watch(parent)
+    return function(item)
+
+
+@lru_cache(maxsize=1)
+def _watch(parent: int) -> None:
+    """Let this process end within a second of its parent, which, killed, cannot tell it to: loky would have it wait for
+    minutes for the next task, with all the memory that it takes."""
+
+    def end_with_parent() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _on_cluster(
