@@ -27,7 +27,7 @@ from __future__ import annotations
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,7 @@ STAGE = "tune_crafted"
 
 _log = logging.getLogger(__name__)
 
-_RECORDS = "trials.jsonl"
+_EPISODES = "episodes.jsonl"
 _DIGITS = 3
 """Significant digits of a weight: more would promise more than a search among noise can find."""
 
@@ -62,6 +62,11 @@ class Unit:
     action_space: ActionSpaceName
     index: int
 
+    @property
+    def key(self) -> str:
+        """Text that is equal for equal episodes of a search."""
+        return json.dumps([self.weights, self.action_space, self.index], sort_keys=True)
+
 
 @dataclass(frozen=True)
 class Episode:
@@ -75,7 +80,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Record:
-    """A trial in one of the three steps, finished: a line of the file of records.
+    """A trial in one of the three steps, finished.
 
     Attributes:
         step: ``search``, ``selection`` or ``check``.
@@ -136,54 +141,61 @@ def check_libraries(config: TuneCraftedConfig) -> None:
 
 
 def tune(config: TuneCraftedConfig, work: Path, run: Run) -> Path:
-    """Do what is not done yet in ``work``; the folder of the artefact."""
-    records = RecordFile(work / _RECORDS)
-    search(config, records, run)
-    best = select(config, records)
-    check(config, records, best)
-    return write_artefact(config, records, best, work / "artefact", run)
+    """Do what is not done yet in ``work``; the folder of the artefact.
+
+    A killed search is gone through again from its beginning, with the episodes that were run: proposals and stops
+    follow from them, so that it gets where it was at once.
+    """
+    runner = Runner(config, work / _EPISODES)
+    searched = search(config, runner, run)
+    selected, best = select(config, runner, searched)
+    checked = check(config, runner, searched[0], best)
+    return write_artefact(config, [*searched, *selected, *checked], best, work / "artefact", run)
 
 
 # ---------------------------------------------------------------------------------------------------------- three steps
-def search(config: TuneCraftedConfig, records: RecordFile, run: Run) -> None:
-    """Step 1: try weights until there are as many trials as asked for."""
+def search(config: TuneCraftedConfig, runner: Runner, run: Run) -> list[Record]:
+    """Step 1: try weights, one set after another; the records of all trials."""
     from tqdm import tqdm
 
-    first = len(records.of("search"))
-    if first:
-        _log.info("%d trials are done already; %d to go.", first, max(0, config.search.num_trials - first))
-    numbers = range(first, config.search.num_trials)
-    for number in tqdm(numbers, total=config.search.num_trials, initial=first, desc="trials", unit="trial"):
-        trial, weights = propose(config, records.of("search"))
-        instances = range(config.search.num_instances)
-        record = run_trial(config, "search", number, weights, instances, trial)
+    if runner.num_known:
+        _log.info("%d episodes are done already.", runner.num_known)
+    records: list[Record] = []
+    for number in tqdm(range(config.search.num_trials), desc="trials", unit="trial"):
+        trial, weights = propose(config, records)
+        known = runner.num_known
+        record = run_trial(config, runner, "search", number, weights, range(config.search.num_instances), trial)
         records.append(record)
-        finished = [other.objective for other in records.of("search") if not other.is_pruned]
-        numbers_of_trial = {"search/objective": record.objective, "search/best": max(finished, default=None)}
-        run.log_metrics(numbers_of_trial | {f"search/{name}": value for name, value in weights.items()}, step=number)
+        if runner.num_known > known:  # else it is in the tracker
+            best = max((other.objective for other in records if not other.is_pruned), default=None)
+            tried = {f"search/{name}": value for name, value in weights.items()}
+            run.log_metrics({"search/objective": record.objective, "search/best": best, **tried}, step=number)
+    return records
 
 
-def select(config: TuneCraftedConfig, records: RecordFile) -> Record:
-    """Step 2: compare the best trials and the first on other instances; the record of the winner's search."""
-    finished = [record for record in records.of("search") if not record.is_pruned]
+def select(config: TuneCraftedConfig, runner: Runner, searched: Sequence[Record]) -> tuple[list[Record], Record]:
+    """Step 2: compare the best trials and the first on other instances; the records of that, and the winner's search.
+
+    The first trial is never stopped, so there is one at least.
+    """
+    finished = [record for record in searched if not record.is_pruned]
     ranking = sorted(finished, key=lambda record: -record.objective)  # stable: the earlier of equals first
-    finalists = {record.trial: record for record in [*ranking[: config.selection.num_finalists], finished[0]]}
+    finalists = {record.trial: record for record in [*ranking[: config.selection.num_finalists], searched[0]]}
     first = config.search.num_instances
     instances = range(first, first + config.selection.num_instances)
-    for trial, record in finalists.items():
-        if not records.has("selection", trial):
-            records.append(run_trial(config, "selection", trial, record.weights, instances))
-    results = {record.trial: record.objective for record in records.of("selection")}
-    return max(finalists.values(), key=lambda record: results[record.trial])
+    selected = [
+        run_trial(config, runner, "selection", trial, record.weights, instances) for trial, record in finalists.items()
+    ]
+    winner = max(selected, key=lambda record: record.objective)
+    return selected, finalists[winner.trial]
 
 
-def check(config: TuneCraftedConfig, records: RecordFile, best: Record) -> None:
+def check(config: TuneCraftedConfig, runner: Runner, start: Record, best: Record) -> list[Record]:
     """Step 3: the first weights and the winner on further instances."""
     first = config.search.num_instances + config.selection.num_instances
     instances = range(first, first + config.check.num_instances)
-    for record in (records.of("search")[0], best):
-        if not records.has("check", record.trial):
-            records.append(run_trial(config, "check", record.trial, record.weights, instances))
+    compared = {record.trial: record for record in (start, best)}
+    return [run_trial(config, runner, "check", trial, record.weights, instances) for trial, record in compared.items()]
 
 
 def propose(config: TuneCraftedConfig, past: Sequence[Record]) -> tuple[optuna.trial.Trial, Weights]:
@@ -225,6 +237,7 @@ def propose(config: TuneCraftedConfig, past: Sequence[Record]) -> tuple[optuna.t
 
 def run_trial(
     config: TuneCraftedConfig,
+    runner: Runner,
     step: str,
     number: int,
     weights: Weights,
@@ -232,21 +245,17 @@ def run_trial(
     trial: optuna.trial.Trial | None = None,
 ) -> Record:
     """Run the planner with ``weights`` on ``instances`` in every action space; with ``trial``, until it is pruned."""
-    from pipelines.execution import run_tasks
-
     curve: dict[int, float] = {}
     episodes: dict[str, list[Episode]] = {space: [] for space in config.action_spaces}
     size = len(instances) if trial is None else config.search.block
     for start in range(0, len(instances), size):
         block = instances[start : start + size]
         units = [Unit(config, weights, space, index) for space in config.action_spaces for index in block]
-        results = dict(run_tasks(run_unit, units, config.executor))
-        for unit in units:
-            episodes[unit.action_space].append(results[unit.action_space, unit.index])
+        for unit, episode in zip(units, runner.run(units), strict=True):
+            episodes[unit.action_space].append(episode)
         done = start + len(block)
-        curve[done] = objective(
-            [episode for space in episodes.values() for episode in space], config.search.action_cost
-        )
+        everything = [episode for space in episodes.values() for episode in space]
+        curve[done] = objective(everything, config.search.action_cost)
         if trial is not None:
             trial.report(curve[done], done)
             if done < len(instances) and trial.should_prune():
@@ -265,8 +274,8 @@ def objective(episodes: Sequence[Episode], action_cost: float) -> float:
     return math.fsum(scores) / len(scores)
 
 
-def run_unit(unit: Unit) -> tuple[tuple[ActionSpaceName, int], Episode]:
-    """Run one episode; (action space and index, what counts of it)."""
+def run_unit(unit: Unit) -> tuple[Unit, Episode]:
+    """Run one episode; the unit again, since they are done in any order."""
     from pipelines.planners import build_planner
     from visualrhp.evaluation.behaviour import push_angles
     from visualrhp.evaluation.episodes import run_task
@@ -289,81 +298,79 @@ def run_unit(unit: Unit) -> tuple[tuple[ActionSpaceName, int], Episode]:
         keep_states=True,
     )
     angles = tuple(round(float(angle), 4) for angle in push_angles(scene, result.states))
-    return (space, unit.index), Episode(result.success, result.dropped, result.num_actions, angles)
+    return unit, Episode(result.success, result.dropped, result.num_actions, angles)
 
 
-# -------------------------------------------------------------------------------------------------------------- records
-class RecordFile:
-    """Finished trials, one JSON line each, appended as they come; a line that a kill cut short is dropped."""
+class Runner:
+    """Runs episodes on the workers, each once: finished ones are kept in a file, one JSON line each.
 
-    def __init__(self, path: Path) -> None:
+    An episode is a function of its unit. A line that a kill cut short is dropped.
+    """
+
+    def __init__(self, config: TuneCraftedConfig, path: Path) -> None:
         from visualrhp.files import write_text
 
-        self.path = path
-        self._records: list[Record] = []
+        self._executor = config.executor
+        self._path = path
+        self._known: dict[str, Episode] = {}
         lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
         whole = []
         for line in lines:
             try:
-                self._records.append(_from_json(json.loads(line)))
+                key, episode = json.loads(line)
             except ValueError:
-                break  # what comes after it was proposed with knowledge of it
+                continue
+            self._known[key] = Episode(**episode | {"push_angles": tuple(episode["push_angles"])})
             whole.append(line)
         if len(whole) < len(lines):
             write_text(path, "".join(f"{line}\n" for line in whole))
 
-    def of(self, step: str) -> list[Record]:
-        """The records of a step, in order."""
-        return [record for record in self._records if record.step == step]
+    @property
+    def num_known(self) -> int:
+        """Episodes that are done."""
+        return len(self._known)
 
-    def has(self, step: str, trial: int) -> bool:
-        """Whether a trial is done in a step."""
-        return any(record.trial == trial for record in self.of(step))
+    def run(self, units: Sequence[Unit]) -> list[Episode]:
+        """The episodes of ``units``, in their order; those that are not known yet are run."""
+        from pipelines.execution import run_tasks
 
-    def append(self, record: Record) -> None:
-        """Add a record; it is in the file when this returns."""
-        self._records.append(record)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(record)) + "\n")
-
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self._records)
-
-
-def _from_json(content: dict[str, Any]) -> Record:
-    curve = {int(done): value for done, value in content.pop("curve").items()}
-    episodes = {
-        space: [Episode(**episode | {"push_angles": tuple(episode["push_angles"])}) for episode in rows]
-        for space, rows in content.pop("episodes").items()
-    }
-    return Record(**content, curve=curve, episodes=episodes)
+        missing = [unit for unit in units if unit.key not in self._known]
+        for unit, episode in run_tasks(run_unit, missing, self._executor) if missing else ():
+            self._known[unit.key] = episode
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([unit.key, asdict(episode)]) + "\n")
+        return [self._known[unit.key] for unit in units]
 
 
 # ------------------------------------------------------------------------------------------------------------- artefact
-def write_artefact(config: TuneCraftedConfig, records: RecordFile, best: Record, folder: Path, run: Run) -> Path:
+def write_artefact(config: TuneCraftedConfig, records: Sequence[Record], best: Record, folder: Path, run: Run) -> Path:
     """Write what was found to ``folder``, and log it."""
     from pipelines.work import card, git_commit
     from visualrhp.evaluation.figures import save
     from visualrhp.files import atomic_path, write_json, write_text
 
     folder.mkdir(exist_ok=True)
+    searched, selected, checked = (
+        [record for record in records if record.step == step] for step in ("search", "selection", "check")
+    )
     table = trials_table(records, config.action_spaces)
     with atomic_path(folder / "trials.csv") as path:
         table.to_csv(path, index=False, float_format="%.4g")
     weights = {name: value for name, value in asdict(_heuristic(config)).items() if name != "kind"} | best.weights
-    origin = f"# Trial {best.trial} of {len(records.of('search'))}: seed {config.seed}, commit {git_commit()}."
+    origin = f"# Trial {best.trial} of {len(searched)}: seed {config.seed}, commit {git_commit()}."
     lines = [origin, "heuristic:", "  kind: crafted", *(f"  {name}: {value}" for name, value in weights.items())]
     write_text(folder / "best.yaml", "\n".join(lines) + "\n")
-    start, found = (_record(records, "check", trial) for trial in (0, best.trial))
-    save(search_figure(records.of("search"), best), folder / "search.png")
+    start, found = checked[0], checked[-1]  # one and the same if nothing better was found
+    save(search_figure(searched, best), folder / "search.png")
     save(pushes_figure({"first weights": start, "best weights": found}), folder / "pushes.png")
     results = {
-        step: {str(record.trial): _summary(record) for record in records.of(step)} for step in ("selection", "check")
+        step: {str(record.trial): _summary(record) for record in of_step}
+        for step, of_step in (("selection", selected), ("check", checked))
     }
     content = {
         "best": {"trial": best.trial, "weights": weights},
-        "num_trials": len(records.of("search")),
-        "num_pruned": sum(record.is_pruned for record in records.of("search")),
+        "num_trials": len(searched),
+        "num_pruned": sum(record.is_pruned for record in searched),
         "num_episodes": sum(len(episodes) for record in records for episodes in record.episodes.values()),
         "instances": {"split": "TUNING", "search": 0, **_first_instances(config)},
         "results": results,
@@ -378,7 +385,7 @@ def write_artefact(config: TuneCraftedConfig, records: RecordFile, best: Record,
     return folder
 
 
-def trials_table(records: RecordFile, action_spaces: Sequence[str]) -> pd.DataFrame:
+def trials_table(records: Sequence[Record], action_spaces: Sequence[str]) -> pd.DataFrame:
     """One row per record.
 
     Columns: step, trial, the weights, is_pruned, num_instances (per action space), objective, and for each action space
@@ -500,10 +507,6 @@ def _seed_of_trial(seed: int, number: int) -> int:
     import numpy as np
 
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-
-
-def _record(records: RecordFile, step: str, trial: int) -> Record:
-    return next(record for record in records.of(step) if record.trial == trial)
 
 
 def _summary(record: Record) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from pipelines import tune_crafted as pipeline
 from pipelines.app import compose
 from pipelines.config import TuneCraftedConfig
 from pipelines.tracking import open_run
-from pipelines.tune_crafted import Episode, Record, RecordFile, Unit, objective
+from pipelines.tune_crafted import Episode, Record, Runner, Unit, objective
 from visualrhp.errors import ConfigError
 from visualrhp.scene import Split
 
@@ -53,11 +53,11 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix != ".png"}
 
 
-def pretend(unit: Unit) -> tuple[tuple[Any, int], Episode]:
+def pretend(unit: Unit) -> tuple[Unit, Episode]:
     """As if a task were solved the more often the nearer reach is to 60, in fewer actions, whatever the rest is."""
     distance = abs(math.log(unit.weights["reach"] / 60.0))
     success = 0.25 * (unit.index % 4) + 0.2 < 1.2 - distance
-    return (unit.action_space, unit.index), Episode(success, not success, 10 + int(5 * distance), (distance,))
+    return unit, Episode(success, not success, 10 + int(5 * distance), (distance,))
 
 
 @pytest.fixture
@@ -98,16 +98,16 @@ def test_two_workers_find_the_same(reference: dict[str, bytes], tmp_path: Path) 
 def test_it_goes_on_after_a_kill_as_if_nothing_had_happened(
     reference: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Killed in every fourth trial, of whichever step, and once in the middle of a line."""
-    run_trial, begun = pipeline.run_trial, []
+    """Killed in every 30th episode, of whichever step, and once in the middle of a line."""
+    run_unit, begun = pipeline.run_unit, []
 
-    def killed_at_times(config: Any, step: str, number: int, *arguments: Any) -> Record:
-        begun.append((step, number))
-        if len(begun) % 4 == 3:
+    def killed_at_times(unit: Unit) -> tuple[Unit, Episode]:
+        begun.append(unit.key)
+        if len(begun) % 30 == 29:
             raise KeyboardInterrupt
-        return run_trial(config, step, number, *arguments)
+        return run_unit(unit)
 
-    monkeypatch.setattr(pipeline, "run_trial", killed_at_times)
+    monkeypatch.setattr(pipeline, "run_unit", killed_at_times)
     kills = 0
     while True:
         try:
@@ -115,11 +115,10 @@ def test_it_goes_on_after_a_kill_as_if_nothing_had_happened(
             break
         except KeyboardInterrupt:
             kills += 1
-            if kills == 2:
-                records = tmp_path / "trials.jsonl"
-                text = records.read_text()
-                records.write_text(text[:-20])
-    assert kills >= 3
+            if kills == 1:
+                path = tmp_path / "episodes.jsonl"
+                path.write_text(path.read_text()[:-20])
+    assert kills >= 2
     assert len(begun) == len(set(begun)) + kills + 1, "only what was in flight is done again, and the broken line"
     assert content(folder) == reference
 
@@ -134,9 +133,10 @@ def test_an_episode_is_run_on_the_instances_for_tuning(monkeypatch: pytest.Monke
         return run_task(planner, distribution, seed, split, index, **others)
 
     monkeypatch.setattr(episodes, "run_task", watched)
-    (space, index), episode = pipeline.run_unit(Unit(configure("seed=3"), {"reach": 5.0}, "discrete", 7))
+    unit = Unit(configure("seed=3"), {"reach": 5.0}, "discrete", 7)
+    same, episode = pipeline.run_unit(unit)
     assert splits == [(3, Split.TUNING, 7, 5.0)]
-    assert (space, index) == ("discrete", 7)
+    assert same is unit
     assert 1 <= episode.num_actions <= 49
 
 
@@ -146,7 +146,7 @@ def test_it_finds_the_best_weights(tmp_path: Path) -> None:
     folder = tuned(tmp_path, "search.num_trials=40", "search.num_random_trials=10")
     found = json.loads((folder / "tune_crafted.json").read_text())
     assert found["best"]["weights"]["reach"] == pytest.approx(60.0, rel=0.15)
-    assert found["num_pruned"] > 5
+    assert found["num_pruned"] >= 2
     best, start = (found["results"]["check"][str(trial)] for trial in (found["best"]["trial"], 0))
     assert best["objective"] > start["objective"]
     assert best["by_action_space"]["discrete"]["success_rate"] == 1.0
@@ -174,9 +174,11 @@ def test_the_steps_share_no_instance(tmp_path: Path, monkeypatch: pytest.MonkeyP
     seen: dict[str, set[int]] = {"search": set(), "selection": set(), "check": set()}
     run_trial = pipeline.run_trial
 
-    def watched(config: Any, step: str, number: int, weights: Any, instances: range, *others: Any) -> Record:
+    def watched(
+        config: Any, runner: Runner, step: str, number: int, weights: Any, instances: range, *others: Any
+    ) -> Record:
         seen[step] |= set(instances)
-        return run_trial(config, step, number, weights, instances, *others)
+        return run_trial(config, runner, step, number, weights, instances, *others)
 
     monkeypatch.setattr(pipeline, "run_trial", watched)
     monkeypatch.setattr(pipeline, "run_unit", pretend)
@@ -187,8 +189,9 @@ def test_the_steps_share_no_instance(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.usefixtures("pretended")
 def test_a_hopeless_trial_is_stopped_early(tmp_path: Path) -> None:
-    tuned(tmp_path, "search.num_trials=30")
-    search = RecordFile(tmp_path / "trials.jsonl").of("search")
+    config = configure("search.num_trials=30")
+    with open_run(config, "tune_crafted", "test") as run:
+        search = pipeline.search(config, Runner(config, tmp_path / "episodes.jsonl"), run)
     pruned = [record for record in search if record.is_pruned]
     assert pruned
     assert {record.num_instances for record in pruned} == {2}
@@ -198,11 +201,14 @@ def test_a_hopeless_trial_is_stopped_early(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("pretended")
 def test_the_selection_decides_not_the_search(tmp_path: Path) -> None:
-    config, records = configure(), RecordFile(tmp_path / "trials.jsonl")
-    for trial, (reach, value) in enumerate([(18.0, 0.5), (100.0, 0.9), (60.0, 0.8), (61.0, 0.1)]):
-        records.append(Record("search", trial, {"reach": reach}, {4: value}, {}, is_pruned=False))
-    assert pipeline.select(config, records).trial == 2
-    assert {record.trial for record in records.of("selection")} == {0, 1, 2}
+    config = configure()
+    searched = [
+        Record("search", trial, {"reach": reach}, {4: value}, {}, is_pruned=False)
+        for trial, (reach, value) in enumerate([(18.0, 0.5), (100.0, 0.9), (60.0, 0.8), (61.0, 0.1)])
+    ]
+    selected, winner = pipeline.select(config, Runner(config, tmp_path / "episodes.jsonl"), searched)
+    assert winner is searched[2]
+    assert {record.trial for record in selected} == {0, 1, 2}
 
 
 # ---------------------------------------------------------------------------------------------------------------- parts
@@ -224,27 +230,25 @@ def test_metrics_by_hand() -> None:
     assert nothing["from_behind"] is None
 
 
-def test_what_follows_a_damaged_line_is_forgotten(tmp_path: Path) -> None:
-    path = tmp_path / "trials.jsonl"
-    records = RecordFile(path)
-    written = [
-        Record(
-            "search",
-            n,
-            {"reach": 1.0 / 3.0},
-            {2: 0.1, 4: 1.0 / 7.0},
-            {"discrete": [Episode(True, False, 5, (0.5,))]},
-            False,
-        )
-        for n in range(3)
-    ]
-    for record in written:
-        records.append(record)
-    assert list(RecordFile(path)) == written
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([lines[0], lines[1][:30], lines[2]]) + "\n")
-    assert list(RecordFile(path)) == written[:1]
-    assert path.read_text().splitlines() == lines[:1]
+def test_an_episode_is_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[int] = []
+
+    def watched(unit: Unit) -> tuple[Unit, Episode]:
+        ran.append(unit.index)
+        return pretend(unit)
+
+    monkeypatch.setattr(pipeline, "run_unit", watched)
+    config, path = configure(), tmp_path / "episodes.jsonl"
+    units = [Unit(config, {"reach": 1.0 / 3.0}, "discrete", index) for index in range(3)]
+    runner = Runner(config, path)
+    first = runner.run(units[:2])
+    assert first == [pretend(unit)[1] for unit in units[:2]]
+    assert Runner(config, path).run(units[:2]) == first
+    assert Runner(config, path).run([units[2], units[0]]) == [pretend(units[2])[1], first[0]]
+    assert ran == [0, 1, 2]
+    assert runner.run([Unit(config, {"reach": 0.33}, "discrete", 0)]), "other weights, another episode"
+    assert runner.run([Unit(config, {"reach": 1.0 / 3.0}, "continuous", 0)])
+    assert ran == [0, 1, 2, 0, 0]
 
 
 @pytest.mark.parametrize(
