@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -13,17 +14,22 @@ from visualrhp.learning.demonstrations import (
     Attempt,
     DemonstrationSet,
     DemonstrationWriter,
+    between,
+    damaged_shards,
     generate_demonstration,
+    map_arrays,
     monte_carlo_returns,
     pack,
     read_arrays,
+    replay_block,
+    replay_difference,
     replays_exactly,
     write_arrays,
 )
 from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution
 from visualrhp.simulation import TransitionModel, make_action_space
-from visualrhp.types import ActionSpaceName
+from visualrhp.types import ActionSpaceName, State
 
 SEED = 3
 DISTRIBUTION = SceneDistribution(num_objects=(1, 3))
@@ -88,6 +94,72 @@ def test_storage_keeps_every_bit(
     assert stored[-1][1].states == stored[4][1].states
     with pytest.raises(IndexError):
         stored[5]
+
+
+@pytest.mark.parametrize("space", ACTION_SPACES)
+def test_whatever_is_altered_does_not_replay(
+    attempts: dict[ActionSpaceName, list[Attempt]], space: ActionSpaceName
+) -> None:
+    """One bit of the start, of a state on the way, of an action or of a reward; or an end before the goal."""
+    task, episode = attempts[space][3].task, attempts[space][3].episode
+    assert episode is not None and len(episode) >= 2
+    model = TransitionModel(task.scene, make_action_space(space))
+
+    def another(state: State) -> State:
+        vector = state.vector.copy()
+        vector[0] = np.nextafter(vector[0], 1.0)
+        return State(vector)
+
+    states, actions, rewards = list(episode.states), list(episode.actions), list(episode.rewards)
+    last = (actions[-1] + 1) % 6 if space == "discrete" else -actions[-1]
+    altered = {
+        "state 0 is not that of the task": {"states": (another(states[0]), *states[1:])},
+        f"state 1 of {len(episode)} is another one, by ": {"states": (states[0], another(states[1]), *states[2:])},
+        f"state {len(episode)} of {len(episode)} is another": {"actions": (*actions[:-1], last)},
+        f"reward 1 of {len(episode)} is -1, not -0.5": {"rewards": (-0.5, *rewards[1:])},
+        f"the last of {len(episode) - 1} states is no goal": {
+            "states": tuple(states[:-1]),
+            "actions": tuple(actions[:-1]),
+            "rewards": tuple(rewards[:-1]),
+        },
+        "cannot be simulated": {"actions": (99 if space == "discrete" else np.full(4, np.nan), *actions[1:])},
+    }
+    assert replay_difference(task, episode, model) is None
+    for words, change in altered.items():
+        found = replay_difference(task, dataclasses.replace(episode, **change), model)
+        assert found is not None and words in found, (words, found)
+
+
+@pytest.mark.parametrize("space", ACTION_SPACES)
+def test_a_block_is_replayed_and_the_index_named(
+    attempts: dict[ActionSpaceName, list[Attempt]], space: ActionSpaceName
+) -> None:
+    arrays = pack(attempts[space], space)
+    assert replay_block(arrays) == (5, int(arrays["length"].sum()), [])
+    arrays["rewards"][arrays["length"][:3].sum()] += 1e-12  # the first reward of attempt 3
+    (differing,) = replay_block(arrays)[2]
+    assert differing[0] == 3 and differing[1].startswith("reward 1 of")
+    assert replay_block(between(arrays, 5, 7))[0] == 2
+
+
+def test_parts_of_a_shard_joined_are_the_shard(attempts: dict[ActionSpaceName, list[Attempt]]) -> None:
+    arrays = pack(attempts["continuous"], "continuous")
+    for start in range(7):
+        expected = pack(attempts["continuous"][start:6], "continuous")
+        found = between(arrays, start, 6)
+        assert all(np.array_equal(found[name], expected[name]) for name in arrays)
+
+
+def test_shards_are_mapped_not_read(tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]) -> None:
+    folder = write(tmp_path, attempts["continuous"], "continuous", shard_size=2)
+    stored = DemonstrationSet.open(folder)
+    for number, shard in enumerate(stored.card["shards"]):
+        arrays = stored.shard(number).arrays
+        copies = read_arrays(folder / shard["file"])
+        assert arrays.keys() == copies.keys()
+        for name, array in arrays.items():
+            assert array.dtype == copies[name].dtype and np.array_equal(array, copies[name])
+            assert isinstance(array, np.memmap) and not array.flags.writeable
 
 
 def test_the_card_counts(tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]) -> None:
@@ -159,6 +231,18 @@ def test_damage_is_noticed_and_the_file_named(
         DemonstrationSet.open(folder)
 
 
+def test_every_damaged_shard_is_found(tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]) -> None:
+    folder = write(tmp_path, attempts["continuous"], "continuous", shard_size=2)
+    card = json.loads((folder / "card.json").read_text())
+    assert damaged_shards(folder, card) == {}
+    damage(folder, "bit-flipped")
+    (folder / "shard-00002.npz").unlink()
+    damages = damaged_shards(folder, card)
+    assert list(damages) == [1, 2]
+    assert "shard-00001.npz does not have the SHA-256 checksum" in damages[1]
+    assert "shard-00002.npz is missing" in damages[2]
+
+
 def test_another_action_space_is_refused(tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]) -> None:
     folder = write(tmp_path, attempts["continuous"], "continuous")
     with pytest.raises(DataError, match="belongs to demonstrations in the continuous action space"):
@@ -192,3 +276,22 @@ def test_a_block_file_is_read_back_or_refused(tmp_path: Path) -> None:
         read_arrays(path)
     with pytest.raises(DataError, match=r"none\.npz is missing"):
         read_arrays(tmp_path / "none.npz")
+    with pytest.raises(DataError, match=r"none\.npz is missing"):
+        map_arrays(tmp_path / "none.npz")
+
+
+def test_only_what_was_written_here_is_mapped(tmp_path: Path) -> None:
+    arrays = {"x": np.arange(5), "y": np.zeros((0, 4)), "z": np.array(["a", 1], dtype=object)}
+    path = tmp_path / "block.npz"
+    write_arrays(path, {"x": arrays["x"], "y": arrays["y"]})
+    mapped = map_arrays(path)
+    assert mapped["x"].tolist() == [0, 1, 2, 3, 4] and mapped["y"].shape == (0, 4)
+    path.write_bytes(path.read_bytes()[:-60])
+    with pytest.raises(DataError, match=r"block\.npz is damaged"):
+        map_arrays(path)
+    np.savez_compressed(path, x=arrays["x"])
+    with pytest.raises(DataError, match=r"x\.npy is compressed"):
+        map_arrays(path)
+    np.savez(path, z=arrays["z"])
+    with pytest.raises(DataError, match=r"z\.npy holds objects"):
+        map_arrays(path)
