@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import errno
 import itertools
+import json
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ def main(config: GenerateDemosConfig) -> None:
 
     # Blocks that other code has made are not taken up: they might not replay.
     work = work_folder(config, STAGE, {"commit": git_commit() or ""})
-    with _a_full_disk_explained(work):
+    with a_full_disk_explained(work):
         published = Path(config.paths.artefact)
         if mend(config, published, work):
             discard(work)
@@ -119,7 +120,7 @@ def mend(config: GenerateDemosConfig, folder: Path, work: Path) -> bool:
         found = read_card(folder)
     except DataError:
         return False
-    about = card(config, STAGE)
+    about = json.loads(json.dumps(card(config, STAGE)))  # as it is read
     if any(found.get(key) != value for key, value in about.items()) or not about["commit"]:
         return False
     damages = damaged_shards(folder, found)
@@ -153,7 +154,7 @@ def _remove_unfinished_files(folder: Path) -> None:
 
 
 @contextmanager
-def _a_full_disk_explained(work: Path) -> Iterator[None]:
+def a_full_disk_explained(work: Path) -> Iterator[None]:
     """Turn the error of a disk that is full into a sentence.
 
     Raises:

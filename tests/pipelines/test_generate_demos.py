@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import resource
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pipelines import execution, generate_demos
 from pipelines.app import compose
 from pipelines.config import ExecutorConfig, GenerateDemosConfig
 from pipelines.tracking import open_run
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, DataError
+from visualrhp.learning import demonstrations
 from visualrhp.learning.demonstrations import DemonstrationSet
 
 SETTINGS = (
@@ -56,22 +61,23 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 def test_the_set_has_what_was_asked_for_and_failures_are_replaced(tmp_path: Path, reference: dict[str, bytes]) -> None:
     for name, data in reference.items():
         (tmp_path / name).write_bytes(data)
-    demonstrations = DemonstrationSet.open(tmp_path, "continuous")
+    stored = DemonstrationSet.open(tmp_path, "continuous")
     metrics = json.loads(reference["metrics.json"])
-    assert len(demonstrations) == metrics["demonstrations"] == 21
-    failed = demonstrations.card["failed_indices"]
+    assert len(stored) == metrics["demonstrations"] == 21
+    failed = stored.card["failed_indices"]
     assert 0 < len(failed) == metrics["failures"]
-    assert sorted([*demonstrations.indices.tolist(), *failed]) == list(range(metrics["attempts"]))
+    assert sorted([*stored.indices.tolist(), *failed]) == list(range(metrics["attempts"]))
     assert metrics["solved_rate"] == 21 / metrics["attempts"]
-    assert metrics["transitions"] == demonstrations.num_transitions
-    assert demonstrations.card["config"]["planner"]["max_simulations"] == 80
+    assert metrics["transitions"] == stored.num_transitions
+    assert stored.card["config"]["planner"]["max_simulations"] == 80
     rows = [row.split(",") for row in reference["lengths.csv"].decode().split()]
     assert rows[0] == ["num_objects", "actions", "demonstrations"]
     assert sum(int(number) for _, _, number in rows[1:]) == 21
 
 
-def test_two_workers_make_the_same_bytes(tmp_path: Path, reference: dict[str, bytes]) -> None:
-    assert content(generate(tmp_path, "executor.num_workers=2")) == reference
+@pytest.mark.parametrize("num_workers", [2, 4])
+def test_several_workers_make_the_same_bytes(tmp_path: Path, reference: dict[str, bytes], num_workers: int) -> None:
+    assert content(generate(tmp_path, f"executor.num_workers={num_workers}")) == reference
 
 
 def test_interrupted_and_restarted_makes_the_same_bytes_and_keeps_finished_blocks(
@@ -109,6 +115,127 @@ def test_a_damaged_block_is_made_again(tmp_path: Path, reference: dict[str, byte
     before = block.read_bytes()
     block.write_bytes(before[: len(before) // 2])
     assert content(generate(tmp_path)) == reference
+
+
+# -------------------------------------------------- a published set that was damaged
+def published(tmp_path: Path, reference: dict[str, bytes]) -> Path:
+    folder = tmp_path / "published"
+    folder.mkdir()
+    for name, data in reference.items():
+        (folder / name).write_bytes(data)
+    return folder
+
+
+@pytest.mark.parametrize(("number", "how"), [(0, "truncated"), (1, "bit-flipped"), (2, "missing")])
+def test_a_damaged_shard_is_named_and_made_again(
+    tmp_path: Path, reference: dict[str, bytes], caplog: pytest.LogCaptureFixture, number: int, how: str
+) -> None:
+    folder = published(tmp_path, reference)
+    path = folder / f"shard-{number:05d}.npz"
+    untouched = {name: (folder / name).stat().st_mtime_ns for name in reference if name != path.name}
+    if how == "missing":
+        path.unlink()
+    elif how == "truncated":
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    with pytest.raises(DataError, match=path.name):
+        DemonstrationSet.open(folder)
+    assert generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert path.name in caplog.text
+    assert content(folder) == reference
+    assert {name: (folder / name).stat().st_mtime_ns for name in untouched} == untouched
+
+
+def test_what_something_else_has_made_is_not_mended(tmp_path: Path, reference: dict[str, bytes]) -> None:
+    folder = published(tmp_path, reference)
+    (folder / "shard-00001.npz").unlink()
+    assert not generate_demos.mend(configure("seed=1"), folder, tmp_path / "work")
+    assert not generate_demos.mend(configure(), tmp_path / "nothing", tmp_path / "work")
+    card = json.loads(reference["card.json"])
+    (folder / "card.json").write_text(json.dumps(card | {"commit": "0" * 40}))
+    assert not generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert not (tmp_path / "work").exists()
+    card["shards"][1]["sha256"] = "0" * 64  # made again, it is another one
+    (folder / "card.json").write_text(json.dumps(card))
+    assert not generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert not (folder / "shard-00001.npz").exists()
+
+
+def test_a_whole_set_is_left_as_it_is_if_the_code_is_known(
+    tmp_path: Path, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = published(tmp_path, reference)
+    card = json.loads(reference["card.json"])
+    for commit, is_known in (("1" * 40, True), (f"{'1' * 40}-dirty", False), (None, False)):
+        monkeypatch.setattr("pipelines.work.git_commit", lambda commit=commit: commit)
+        (folder / "card.json").write_text(json.dumps(card | {"commit": commit}))
+        assert generate_demos.mend(configure(), folder, tmp_path / "work") == is_known
+
+
+# -------------------------------------------------- a full disk
+def test_a_full_disk_is_explained_keeps_finished_shards_and_is_gone_on_from(
+    tmp_path: Path, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full in the middle of the third shard."""
+    intact, written = np.savez, []
+
+    def on_a_full_disk(file: Any, **arrays: Any) -> None:
+        if Path(file.name).name.startswith(".shard"):
+            written.append(file.name)
+            if len(written) == 3:
+                file.write(b"half a shard")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        intact(file, **arrays)
+
+    monkeypatch.setattr(demonstrations.np, "savez", on_a_full_disk)
+    with (
+        pytest.raises(DataError, match=r"no space left .* start the same command again"),
+        generate_demos.a_full_disk_explained(tmp_path),
+    ):
+        generate(tmp_path)
+    kept = content(tmp_path / "set")
+    assert kept == {name: reference[name] for name in ("shard-00000.npz", "shard-00001.npz")}
+    blocks = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "blocks").iterdir()}
+    monkeypatch.undo()
+    monkeypatch.setattr(generate_demos, "_write_pictures", lambda *_: None)
+    assert content(generate(tmp_path)) == reference
+    assert {name: (tmp_path / "blocks" / name).stat().st_mtime_ns for name in blocks} == blocks
+
+
+def test_a_file_that_cannot_grow_is_a_full_disk(tmp_path: Path, reference: dict[str, bytes]) -> None:
+    """The operating system itself refuses: the limit of the size of a file is below that of a shard."""
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    generate(tmp_path)
+    largest_block = max(path.stat().st_size for path in (tmp_path / "blocks").iterdir())
+    assert largest_block + 1 < len(reference["shard-00000.npz"])
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_block + 1, hard))
+    try:
+        with (
+            pytest.raises(DataError, match=r"no space left .*File too large"),
+            generate_demos.a_full_disk_explained(tmp_path),
+        ):
+            generate(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert content(generate(tmp_path)) == reference
+
+
+def test_other_errors_are_not_taken_for_a_full_disk(tmp_path: Path) -> None:
+    for error in (PermissionError(errno.EACCES, "no"), ValueError("no")):
+        with pytest.raises(type(error), match="no"), generate_demos.a_full_disk_explained(tmp_path):
+            raise error
+
+
+def test_what_a_killed_process_was_writing_is_removed(tmp_path: Path, reference: dict[str, bytes]) -> None:
+    for folder in ("set", "blocks"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / ".shard-00000.ab12.tmp.npz").write_bytes(b"half")
+    assert content(generate(tmp_path)) == reference
+    assert not list((tmp_path / "blocks").glob(".*"))
 
 
 def test_another_seed_makes_another_set(tmp_path: Path, reference: dict[str, bytes]) -> None:
