@@ -24,7 +24,7 @@ from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution, Split, TaskInstance, generator_for, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, TransitionModel, make_action_space
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
-from visualrhp.types import Action, ActionSpaceName, State
+from visualrhp.types import Action, ActionSpaceName, State, wrap_angle
 
 _SEED, _PLANNING_STREAM = 0, 1
 _DENSITIES = range(1, 8)
@@ -177,7 +177,8 @@ class OMPLSearch:
         def is_over() -> bool:
             return time.process_time() - started >= limit or self._num_simulated >= self._planner.max_simulations
 
-        rrt.solve(base.PlannerTerminationCondition(is_over))
+        status = rrt.solve(base.PlannerTerminationCondition(is_over)).getStatus()
+        assert status in (status.EXACT_SOLUTION, status.APPROXIMATE_SOLUTION, status.TIMEOUT), status
         elapsed, num_simulated = time.process_time() - started, self._num_simulated
         if not problem.hasExactSolution():
             return Search(None, elapsed, num_simulated)
@@ -259,13 +260,14 @@ class OMPLSearch:
 
     def _write(self, source: State, depth: float, state: Any) -> None:
         vector = source.vector.tolist()
-        state[_ROBOT][0], state[_ROBOT][1], state[_HEADING].value = vector[:3]
+        state[_ROBOT][0], state[_ROBOT][1] = vector[:2]
+        state[_HEADING].value = wrap_angle(vector[2])  # OMPL refuses other angles
         state[_GRIPPER][0], state[_GRIPPER][1] = vector[3:5]
         state[_DEPTH][0] = depth
         for number in range(source.num_objects):
             x, y, angle = vector[5 + 3 * number : 8 + 3 * number]
             position = state[_OBJECTS + 2 * number]
-            position[0], position[1], state[_OBJECTS + 2 * number + 1].value = x, y, angle
+            position[0], position[1], state[_OBJECTS + 2 * number + 1].value = x, y, wrap_angle(angle)
 
     def _check(self, path: Any, result: Any) -> None:
         """Make sure that the path is a plan: its last state is what its actions lead to, and a goal state."""
