@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
+from visualrhp.environments.task import ObservationFunction
 from visualrhp.errors import ConfigError
 from visualrhp.heuristics.heuristic import Guidance, Heuristic
-from visualrhp.planning import Greedy, RecedingHorizon
-from visualrhp.scene import Scene
-from visualrhp.types import Action, ActionSpaceName, State
+from visualrhp.heuristics.learned import LearnedHeuristic
+from visualrhp.heuristics.networks import ActorCritic
+from visualrhp.planning import Decision, Greedy, RecedingHorizon
+from visualrhp.planning.planner import Timing
+from visualrhp.scene import Scene, SceneDistribution, Split, sample_task_instance
+from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.types import Action, ActionSpaceName, State, Transition
 
 RIGHT, LEFT, STAY, BREAK = 0, 1, 2, 7
 GAMMA = 0.5
@@ -163,8 +169,168 @@ def test_greedy_takes_the_mode_and_simulates_nothing(line_world: Callable[..., A
 
 
 @pytest.mark.parametrize(
-    "parameters", [{"num_rollouts": 0}, {"horizon": 0}, {"discount": 0.0}, {"discount": 1.1}, {"discount": math.nan}]
+    "parameters",
+    [
+        {"num_rollouts": 0},
+        {"horizon": 0},
+        {"discount": 0.0},
+        {"discount": 1.1},
+        {"discount": math.nan},
+        {"deadline_s": 0.0},
+        {"deadline_s": -1.0},
+        {"deadline_s": math.nan},
+        {"deadline_s": math.inf},
+    ],
 )
 def test_a_parameter_out_of_range_is_named(parameters: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(parameters))):
         RecedingHorizon(ScriptedHeuristic({}), **parameters)
+
+
+# ------------------------------------------------------------------------------------------------------------ deadlines
+class Clock:
+    """Stands still but for :meth:`spend`."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def spend(self, seconds: float, function: Callable[..., Any]) -> Callable[..., Any]:
+        """``function``, which from now on takes that long."""
+
+        def slow(*arguments: Any) -> Any:
+            self.now += seconds
+            return function(*arguments)
+
+        return slow
+
+
+def decide_in_time(
+    world: Any, deadline_s: float | None, script: Sequence[Action] | None = None, n: int = 2, h: int = 2
+) -> tuple[Decision, float]:
+    """A decision from cell 5 where v(cell) = -cell, an action takes 1 s and a call 1 s; and how long it took."""
+    clock = Clock()
+    heuristic = ScriptedHeuristic({cell: -float(cell) for cell in range(99)}, script)
+    heuristic.guide = clock.spend(1.0, heuristic.guide)
+    world.simulate = clock.spend(1.0, world.simulate)
+    planner = RecedingHorizon(heuristic, n, h, GAMMA, deadline_s=deadline_s, clock=clock)
+    decision = planner.plan(world, start(5), np.random.default_rng(0))
+    return decision, clock.now - 100.0
+
+
+@pytest.mark.parametrize(
+    ("deadline_s", "lengths", "ends_at"),
+    [
+        (0.5, [], 1.0),  # the first call is always made
+        (3.9, [], 1.0 + 2.0),  # two actions, and no time to value where they lead
+        (4.0, [1, 1], 1.0 + 2.0 + 1.0),
+        (5.5, [1, 1], 4.0 + 2.0),  # the last action is late by half of it; it is not valued
+        (6.9, [1, 1], 4.0 + 2.0),
+        (7.0, [2, 2], 7.0),
+        (8.5, [2, 2], 7.0 + 2.0),
+        (10.5, [2, 2, 1, 1], 10.0 + 1.0),
+        (13.0, [2, 2, 2, 2], 13.0),
+    ],
+)
+def test_as_many_rollouts_as_there_is_time_for(
+    line_world: Callable[..., Any], deadline_s: float, lengths: list[int], ends_at: float
+) -> None:
+    script = [RIGHT, LEFT, LEFT, LEFT, 2, 3, 4, 5, 6, 6]  # no action is taken in a cell twice: all are simulated
+    decision, duration = decide_in_time(line_world(goal=90, edge=-90), deadline_s, script)
+    assert [len(rollout.actions) for rollout in decision.rollouts] == lengths
+    assert all(len(rollout.states) == len(rollout.rewards) + 1 for rollout in decision.rollouts)
+    assert duration == ends_at
+
+
+def test_a_rollout_that_the_deadline_stops_is_one_of_a_shorter_horizon(line_world: Callable[..., Any]) -> None:
+    """From 5 with v(6) = -6 and v(4) = -4, gamma 1/2: right -> -1 - 6/2 = -4; left -> -1 - 4/2 = -3."""
+    decision, _ = decide_in_time(line_world(goal=90), 5.5, [RIGHT, LEFT, RIGHT, RIGHT])
+    assert [rollout.total_return for rollout in decision.rollouts] == [-4.0, -3.0]
+    assert [rollout.value_estimate for rollout in decision.rollouts] == [-6.0, -4.0]
+    assert [cells(rollout.states) for rollout in decision.rollouts] == [[5, 6], [5, 4]]
+    assert decision.action == LEFT
+
+
+def test_what_ended_before_the_deadline_needs_no_value(line_world: Callable[..., Any]) -> None:
+    decision, _ = decide_in_time(line_world(goal=6), 3.0, [LEFT, RIGHT])
+    assert [rollout.total_return for rollout in decision.rollouts] == [-1.0]
+    assert decision.action == RIGHT
+    broken, _ = decide_in_time(line_world(goal=6), 3.0, [LEFT, BREAK])
+    assert (broken.num_invalid, broken.action) == (1, STAY)
+
+
+@pytest.mark.parametrize("deadline_s", np.arange(1.0, 40.0, 0.7).tolist())
+@pytest.mark.parametrize(("n", "h"), [(1, 1), (3, 3), (2, 6)])
+def test_no_decision_is_late_by_more_than_an_action(
+    line_world: Callable[..., Any], deadline_s: float, n: int, h: int
+) -> None:
+    decision, duration = decide_in_time(line_world(goal=90, edge=-90), deadline_s, n=n, h=h)
+    assert duration <= deadline_s + 1.0
+    assert decision.action is not None
+    if decision.rollouts:
+        returns = [rollout.total_return for rollout in decision.rollouts]
+        assert decision.action == decision.rollouts[int(np.argmax(returns))].actions[0]
+
+
+def test_several_tasks_share_a_deadline(line_world: Callable[..., Any]) -> None:
+    clock = Clock()
+    heuristic = ScriptedHeuristic({})
+    worlds = [line_world(goal=90) for _ in range(3)]
+    for world in worlds:
+        world.simulate = clock.spend(1.0, world.simulate)
+    planner = RecedingHorizon(heuristic, 1, 1, deadline_s=2.0, clock=clock)
+    decisions = planner.plan_batch(worlds, [start(9)] * 3, [np.random.default_rng(i) for i in range(3)])
+    assert clock.now == 102.0
+    assert [len(decision.rollouts) for decision in decisions] == [0, 0, 0]
+    assert [decision.action for decision in decisions] == [STAY, STAY, STAY]
+
+
+def test_without_a_deadline_no_time_counts(line_world: Callable[..., Any]) -> None:
+    quick = rhp(ScriptedHeuristic({cell: -float(cell) for cell in range(99)}), n=4, h=3)
+    slow, _ = decide_in_time(line_world(goal=90), None, n=4, h=3)
+    assert slow == quick.plan(line_world(goal=90), start(5), np.random.default_rng(0))
+
+
+def test_a_decision_says_what_took_how_long(line_world: Callable[..., Any]) -> None:
+    decision, duration = decide_in_time(line_world(goal=90), None, [RIGHT, LEFT, LEFT, LEFT])
+    assert duration == 7.0
+    assert decision.timing == Timing(total_s=7.0, simulation_s=4.0, observation_s=0.0, heuristic_s=3.0)
+
+
+def test_names_say_the_deadline() -> None:
+    assert RecedingHorizon(ScriptedHeuristic({})).name == "RHP 3x3"
+    assert RecedingHorizon(ScriptedHeuristic({}), deadline_s=0.05).name == "RHP 3x3 in 50 ms"
+    assert RecedingHorizon(ScriptedHeuristic({}), name="mine", deadline_s=0.05).name == "mine"
+
+
+def test_a_deadline_is_kept_with_a_real_clock_world_and_network() -> None:
+    """By the processor's clock, which other work on the machine leaves alone."""
+    task = sample_task_instance(SceneDistribution(num_objects=(4, 4)), 0, Split.TUNING, 0)
+    model = TransitionModel(task.scene, make_action_space("continuous"))
+    durations: list[float] = []
+
+    class Timed:
+        scene, action_space, is_goal = model.scene, model.action_space, model.is_goal
+
+        def simulate(self, state: State, action: Action) -> Transition:
+            began = time.process_time()
+            transition = model.simulate(state, action)
+            durations.append(time.process_time() - began)
+            return transition
+
+    heuristic = LearnedHeuristic(ActorCritic(ObservationFunction("image")))
+    planner = RecedingHorizon(heuristic, deadline_s=0.02, clock=time.process_time)
+    planner.plan(model, task.state, np.random.default_rng(0))  # what is done once, is done
+    late, counts = [], []
+    for seed in range(12):
+        durations.clear()
+        decision = planner.plan(Timed(), task.state, np.random.default_rng(seed))
+        assert decision.timing is not None
+        assert decision.timing.simulation_s > 0.0 and decision.timing.heuristic_s > 0.0
+        assert decision.timing.observation_s > 0.0
+        late.append(decision.timing.total_s - 0.02 - max(durations))
+        counts.append(len(decision.rollouts))
+    assert np.median(late) <= 0.0
+    assert np.median(counts) >= 3

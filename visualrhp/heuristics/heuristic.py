@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,9 +22,11 @@ class Guidance(ABC):
 
     Attributes:
         values: [B] expected return from each state.
+        observation_s: how long it took to make what the heuristic looks at [s]; 0 if it looks at the states themselves.
     """
 
     values: FloatArray
+    observation_s: float = 0.0
 
     @abstractmethod
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
@@ -64,6 +66,7 @@ class SoftmaxGuidance(Guidance):
 
     q_values: FloatArray
     temperature: float
+    observation_s: float = field(default=0.0, compare=False)
 
     @property
     def values(self) -> FloatArray:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -98,6 +101,7 @@ class GaussianGuidance(Guidance):
     means: FloatArray
     stds: FloatArray
     values: FloatArray
+    observation_s: float = field(default=0.0, compare=False)
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
         return [rng.normal(mean, std) for rng, mean, std in zip(rngs, self.means, self.stds, strict=True)]

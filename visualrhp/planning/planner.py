@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -45,11 +46,11 @@ class Rollout:
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 
     Attributes:
-        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged; the one on which the
-            physics diverged is the last, and has no reward.
+        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged, or when a deadline cut
+            it short; the one on which the physics diverged is the last, and has no reward.
         states: the states passed through, the current state first: as many as rewards, plus one.
         rewards: one per simulated action.
-        value_estimate: v(s_h), or 0 after a terminal state, where nothing is left to earn; NaN if it diverged.
+        value_estimate: v of the last state, or 0 if that is terminal and nothing is left to earn; NaN if it diverged.
         total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
     """
 
@@ -58,6 +59,28 @@ class Rollout:
     rewards: tuple[float, ...]
     value_estimate: float
     total_return: float
+
+    @property
+    def is_diverged(self) -> bool:
+        """Whether it has no return."""
+        return self.total_return == -math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long a decision took on the wall [s]; for tasks that are planned together, how long it took for all of them.
+
+    Attributes:
+        total_s: all of it.
+        simulation_s: simulating actions.
+        observation_s: drawing what a network sees.
+        heuristic_s: asking the heuristic, without the observations.
+    """
+
+    total_s: float
+    simulation_s: float
+    observation_s: float
+    heuristic_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +91,13 @@ class Decision:
         action: the action to execute now, or None if the planner gives up: the task then counts as not completed.
         rollouts: the roll-outs that were compared, for planners that have them.
         num_invalid: how many of them diverged.
+        timing: how long it took, for planners that say so. Decisions that differ in nothing else are equal.
     """
 
     action: Action | None
     rollouts: tuple[Rollout, ...] = ()
     num_invalid: int = 0
+    timing: Timing | None = field(default=None, compare=False)
 
 
 class Policy(Protocol):
