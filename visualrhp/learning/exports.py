@@ -208,8 +208,8 @@ def export_minari(
         )
 
     with _minari_folder(Path(folder)), warnings.catch_warnings():
-        # There is no address of the authors to give.
-        warnings.filterwarnings("ignore", message="`author_email` is set to None", category=UserWarning)
+        # There is no address of the authors and of their code to give.
+        warnings.filterwarnings("ignore", "`(author_email|code_permalink)` is set to None", UserWarning)
         try:
             # One file (Arrow would be two files an episode). Labels are no intensities: JPEG would make others of them.
             dataset = minari.create_dataset_from_buffers(
