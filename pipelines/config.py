@@ -197,13 +197,19 @@ class CraftedHeuristicConfig:
 
 @dataclass(frozen=True)
 class RecedingHorizonConfig:
-    """Algorithm 1 with n = ``num_rollouts`` and h = ``horizon``; ``name`` is what reports call it."""
+    """Algorithm 1 with n = ``num_rollouts`` and h = ``horizon``; ``name`` is what reports call it.
+
+    Attributes:
+        deadline_s: how long a decision may take [s]; null for n roll-outs, however long they take. Results with a
+            deadline depend on the machine.
+    """
 
     algorithm: Literal["receding_horizon"]
     name: str
     num_rollouts: Count
     horizon: Count
     discount: Fraction
+    deadline_s: Positive | None
     heuristic: LearnedHeuristicConfig | CraftedHeuristicConfig
 
 

@@ -32,7 +32,9 @@ def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristi
     match config:
         case RecedingHorizonConfig():
             heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
-            return RecedingHorizon(heuristic, config.num_rollouts, config.horizon, config.discount, config.name)
+            return RecedingHorizon(
+                heuristic, config.num_rollouts, config.horizon, config.discount, config.name, config.deadline_s
+            )
         case GreedyConfig():
             return Greedy(_build_heuristic(config.heuristic, action_space, heuristics, num_objects))
         case KinodynamicRRTConfig():
