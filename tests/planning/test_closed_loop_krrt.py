@@ -82,11 +82,11 @@ def test_it_is_open_loop_k_rrt_without_noise_and_recovers_with_it(action_space: 
                 action_space=make_action_space(action_space),
                 noise=NOISE_LEVELS[noise],
             )
-            for index in range(8)
+            for index in range(6)
         ]
         return [(result.success, result.num_actions) for result in results]
 
     open_loop, closed_loop = KinodynamicRRT(), ClosedLoopKRRT(KinodynamicRRT(max_simulations=20000))
     assert outcomes(closed_loop, "none") == outcomes(open_loop, "none")
     successes = [sum(success for success, _ in outcomes(planner, "high")) for planner in (open_loop, closed_loop)]
-    assert successes[0] < successes[1] and successes[1] >= 7
+    assert successes[0] < successes[1] and successes[1] >= 5

@@ -1,0 +1,39 @@
+"""From ``conf/planner`` to the planners that need no network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pipelines.app import compose
+from pipelines.config import EvaluateConfig, GenerateDemosConfig
+from pipelines.planners import build_planner, needed_network
+from visualrhp.planning import DHRRT, ClosedLoopKRRT, KinodynamicRRT, Planner
+
+DEFAULT, DECISION = KinodynamicRRT(), KinodynamicRRT(max_simulations=20000)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["planner=kinodynamic_rrt"], replace(DEFAULT, time_limit_s=180.0)),
+        (["planner=kinodynamic_rrt", "planner.shorten=true"], replace(DEFAULT, time_limit_s=180.0, shorten=True)),
+        (["planner=closed_loop_krrt"], ClosedLoopKRRT(DECISION)),
+        (["planner=closed_loop_krrt", "planner.keep_plan=true"], ClosedLoopKRRT(DECISION, keep_plan=True)),
+        (["planner=dhrrt"], DHRRT(DECISION)),
+        (["planner=dhrrt", "planner.rrt.time_limit_s=180.0"], DHRRT(replace(DECISION, time_limit_s=180.0))),
+        (["planner=dhrrt", "planner.progress=0.05"], DHRRT(DECISION, progress=0.05)),
+    ],
+)
+def test_a_planner_is_what_its_configuration_says(overrides: list[str], expected: Planner) -> None:
+    config = compose("evaluate", EvaluateConfig, overrides).planner
+    planner = build_planner(config, "continuous", "no folder", 4)
+    assert planner == expected
+    assert planner.name == config.name
+    assert needed_network(config, "continuous", "no folder", 4) is None
+
+
+def test_demonstrations_are_not_shortened_unless_asked_for() -> None:
+    assert compose("generate_demos", GenerateDemosConfig, []).planner.shorten is False
+    assert compose("generate_demos", GenerateDemosConfig, ["planner.shorten=true"]).planner.shorten is True
