@@ -339,6 +339,7 @@ def _decision_card(considered: Considered) -> dict[str, Any]:
         "state": considered.state.vector.tolist(),
         "action": _plain(decision.action),
         "time_s": considered.time_s,
+        "timing": None if decision.timing is None else asdict(decision.timing),
         "num_invalid": decision.num_invalid,
         "chosen_rollout": chosen,
         "rollouts": [

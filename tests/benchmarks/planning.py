@@ -1,22 +1,36 @@
-"""Decisions of VisualRHP against the simulated actions that they contain."""
+"""Decisions of VisualRHP against the sum of the parts that cannot be left out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+import torch
 
-from tests.benchmarks.timing import Effort, compare, numbered, show_title, timed
-from tests.benchmarks.walks import random_walks
+from tests.benchmarks.timing import Effort, compare, numbered, readable, show_title, timed
+from tests.benchmarks.walks import Walk, random_walks
 from visualrhp.environments.task import ObservationFunction
+from visualrhp.heuristics.checkpoint import load_heuristic
+from visualrhp.heuristics.heuristic import Guidance
+from visualrhp.heuristics.inference import FastNetwork
 from visualrhp.heuristics.learned import LearnedHeuristic
-from visualrhp.heuristics.networks import ActorCritic
+from visualrhp.heuristics.networks import make_network
 from visualrhp.planning import RecedingHorizon
+from visualrhp.scene import Scene
 from visualrhp.simulation import TransitionModel, make_action_space
-from visualrhp.types import Action, State, Transition
+from visualrhp.types import Action, ActionSpaceName, State, Transition
+
+_TRAINED = Path(__file__).resolve().parents[2] / "outputs" / "train_rl"
+_DECISIONS = 6
+"""Of different states, so that no part finds in the processor's cache what it has just left there."""
+
+_DEADLINES = (0.005, 0.02, 0.1)
+"""[s]"""
 
 
-class _Recorder(TransitionModel):
+class _RecordingModel(TransitionModel):
     """Remembers what it was asked to simulate."""
 
     calls: list[tuple[State, Action]]
@@ -26,27 +40,147 @@ class _Recorder(TransitionModel):
         return super().simulate(state, action)
 
 
+class _RecordingHeuristic(LearnedHeuristic):
+    """Remembers what it was asked about."""
+
+    calls: list[list[State]]
+
+    def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
+        self.calls.append(list(states))
+        return super().guide(scenes, states)
+
+
+class _Decision:
+    """A decision, the same every time, and its parts: each a list of calls that a planner cannot do without."""
+
+    def __init__(
+        self, heuristic: LearnedHeuristic, walk: Walk, state: State, space: ActionSpaceName, size: int
+    ) -> None:
+        self.model = TransitionModel(walk.scene, make_action_space(space))
+        self.planner = RecedingHorizon(heuristic, size, size)
+        self.state = state
+        self.rng = np.random.default_rng(0)
+        self.start = self.rng.bit_generator.state
+        self.network = FastNetwork(heuristic.network)
+        self.observe = heuristic.network.observation
+        model = _RecordingModel(walk.scene, make_action_space(space))
+        recorder = _RecordingHeuristic(heuristic.network, heuristic.temperature)
+        model.calls, recorder.calls = [], []
+        RecedingHorizon(recorder, size, size).plan(model, state, np.random.default_rng(0))
+        self.actions = model.calls
+        self.batches = recorder.calls
+        self.seen = [np.stack([self.observe(walk.scene, s) for s in states]) for states in self.batches]
+        self.closed = [np.array([s.gripper_closed for s in states]) for states in self.batches]
+
+    def decide(self) -> None:
+        self.rng.bit_generator.state = self.start
+        self.planner.plan(self.model, self.state, self.rng)
+
+    def simulate(self) -> None:
+        for action in self.actions:
+            self.model.simulate(*action)
+
+    def draw(self) -> None:
+        for states in self.batches:
+            for state in states:
+                self.observe(self.model.scene, state)
+
+    def ask(self) -> None:
+        for observations, closed in zip(self.seen, self.closed, strict=True):
+            self.network(observations, closed)
+
+    def parts(self) -> None:
+        """All parts, in the order in which the decision has need of them: simulate, draw, ask."""
+        actions = iter(self.actions)
+        for states, observations, closed in zip(self.batches, self.seen, self.closed, strict=True):
+            for state in states:
+                self.observe(self.model.scene, state)
+            self.network(observations, closed)
+            for action, _ in zip(actions, range(len(self.actions) // max(1, len(self.batches) - 1)), strict=False):
+                self.model.simulate(*action)
+        for action in actions:
+            self.model.simulate(*action)
+
+
 def run(effort: Effort) -> None:
-    show_title("Decision of VisualRHP, continuous actions, untrained network, one thread")
-    heuristic = LearnedHeuristic(ActorCritic(ObservationFunction("image", None)))
-    for num_objects in (1, 4, 7):
-        walk = random_walks(num_objects, 3)[0]
-        state = walk.states[-1]
-        for size in (3, 6):
-            planner = RecedingHorizon(heuristic, size, size)
-            recorder = _Recorder(walk.scene, make_action_space("continuous"))
-            recorder.calls = []
-            planner.start(recorder, np.random.default_rng(0))(state)
-            model = TransitionModel(walk.scene, make_action_space("continuous"))
-            compare(
-                f"decision {size}x{size}, {numbered(num_objects, 'object')}",
-                timed(_decision(planner, model, state)),
-                timed(lambda model=model, calls=recorder.calls: [model.simulate(*call) for call in calls]),
-                f"its {numbered(len(recorder.calls), 'simulated action')}",
-                effort.repetitions,
-            )
+    for space in ("continuous", "discrete"):
+        for representation in ("image", "cartesian"):
+            show_title(f"Decision, {space}, {representation}, {_origin(space, representation)}, one thread, against")
+            for num_objects in (1, 4, 7):
+                heuristic = _heuristic(space, representation, num_objects)
+                for size in (3, 6):
+                    _show_decision(effort, heuristic, num_objects, size)
+    _show_deadlines(effort)
 
 
-def _decision(planner: RecedingHorizon, model: TransitionModel, state: State) -> Callable[[], object]:
-    """The same decision every time."""
-    return lambda: planner.start(model, np.random.default_rng(0))(state)
+def _show_decision(effort: Effort, heuristic: LearnedHeuristic, num_objects: int, size: int) -> None:
+    walks = random_walks(num_objects, 2 * _DECISIONS, heuristic.action_space)
+    pairs = [(walk, state) for walk in walks for state in walk.states[:-1]][::2][:_DECISIONS]
+    decisions = [_Decision(heuristic, walk, state, heuristic.action_space, size) for walk, state in pairs]
+
+    def each(part: Callable[[_Decision], None]) -> Callable[[], None]:
+        def run_all() -> None:
+            for decision in decisions:
+                part(decision)
+
+        return run_all
+
+    def least(part: Callable[[_Decision], None]) -> str:
+        stopwatch = timed(each(part))
+        return readable(min(stopwatch() for _ in range(effort.repetitions)) / len(decisions))
+
+    simulated = sum(len(decision.actions) for decision in decisions) / len(decisions)
+    parts = f"{simulated:.1f} actions {least(_Decision.simulate)}, observations {least(_Decision.draw)}"
+    compare(
+        f"decision {size}x{size}, {numbered(num_objects, 'object')}",
+        _mean_of(timed(each(_Decision.decide)), len(decisions)),
+        _mean_of(timed(each(_Decision.parts)), len(decisions)),
+        f"its parts: {parts}, network {least(_Decision.ask)}",
+        effort.repetitions,
+    )
+
+
+def _mean_of(stopwatch: Callable[[], float], count: int) -> Callable[[], float]:
+    return lambda: stopwatch() / count
+
+
+def _show_deadlines(effort: Effort) -> None:
+    """How late decisions with a deadline are on the wall, and how many roll-outs fit."""
+    heuristic = _heuristic("continuous", "image", 7)
+    walk = random_walks(7, 3)[0]
+    model = TransitionModel(walk.scene, make_action_space("continuous"))
+    print(f"\nDecisions with a deadline, {numbered(7, 'object')}, continuous, image, on the wall")
+    for deadline_s in _DEADLINES:
+        planner = RecedingHorizon(heuristic, deadline_s=deadline_s)
+        late, counts = [], []
+        for seed in range(2 * effort.repetitions):
+            start = time.perf_counter()
+            decision = planner.plan(model, walk.states[-1], np.random.default_rng(seed))
+            late.append(time.perf_counter() - start - deadline_s)
+            counts.append(len(decision.rollouts))
+        print(
+            f"deadline {readable(deadline_s)}: {np.median(counts):.0f} roll-outs; late by {readable(np.median(late))}, "
+            f"at most {readable(max(late))} in {len(late)}",
+            flush=True,
+        )
+
+
+def _file(space: ActionSpaceName, representation: str, num_objects: int) -> Path:
+    stem = "heuristic" if representation == "image" else f"heuristic_m{num_objects}"
+    return _TRAINED / space / representation / f"{stem}.safetensors"
+
+
+def _origin(space: ActionSpaceName, representation: str) -> str:
+    return "trained network" if _file(space, representation, 7).is_file() else "untrained network"
+
+
+def _heuristic(space: ActionSpaceName, representation: str, num_objects: int) -> LearnedHeuristic:
+    """The trained one if there is one; the time of a decision depends on it only in how long roll-outs live."""
+    path = _file(space, representation, num_objects)
+    if path.is_file():
+        return load_heuristic(path)
+    torch.manual_seed(0)
+    observation = (
+        ObservationFunction("image") if representation == "image" else ObservationFunction("cartesian", num_objects)
+    )
+    return LearnedHeuristic(make_network(space, observation))

@@ -82,7 +82,7 @@ class SoftmaxGuidance(Guidance):
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
         cumulative = np.cumsum(self.probabilities, axis=1)
         draws = np.array([rng.random() for rng in rngs]) * cumulative[:, -1]
-        return [int(np.searchsorted(row, draw, side="right")) for row, draw in zip(cumulative, draws, strict=True)]
+        return (cumulative <= draws[:, None]).sum(axis=1).tolist()
 
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]
@@ -104,7 +104,8 @@ class GaussianGuidance(Guidance):
     observation_s: float = field(default=0.0, compare=False)
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        return [rng.normal(mean, std) for rng, mean, std in zip(rngs, self.means, self.stds, strict=True)]
+        draws = np.array([rng.standard_normal(self.means.shape[1]) for rng in rngs])
+        return list(self.means + self.stds * draws)
 
     def mode(self) -> list[Action]:
         return list(self.means)

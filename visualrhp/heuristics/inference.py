@@ -121,6 +121,7 @@ class _LabelConvolution:
         self._corners, self._within = corners.numpy(), within.numpy()
         self._windows = self._within[:, None] + self._corners
         self._places = np.arange(len(within)) * _CODES
+        self._starts = torch.arange(_CHUNK * len(corners)) * len(within)
 
     def __call__(self, labels: npt.NDArray[np.uint8]) -> Array:
         batch, size = len(labels), IMAGE_SIZE
@@ -136,7 +137,9 @@ class _LabelConvolution:
         image, cell = ((of_cells != of_cells[:, :1]).any(axis=1) | self._is_mixed[first]).nonzero()
         starts = image * codes.shape[1] + self._corners[cell]
         rows = codes.reshape(-1).take(starts[:, None] + self._within) + self._places  # [n, 12]
-        values = functional.embedding_bag(torch.from_numpy(rows), self._table, mode="sum").numpy()  # [n, 16 out]
+        values = functional.embedding_bag(
+            torch.from_numpy(rows.reshape(-1)), self._table, self._starts[: len(rows)], mode="sum"
+        ).numpy()  # [n, 16 out]
         maps = self._uniform.take(first, axis=0)  # [B, 256, out]
         while values.shape[1] > maps.shape[2]:  # halve until the 16 pixels of a cell are one
             middle = values.shape[1] // 2
@@ -160,8 +163,8 @@ class _CoordConv:
         padded = np.zeros((batch, size + 2, size + 2, channels), dtype=np.float32)
         padded[:, 1:-1, 1:-1] = maps
         image, row, column, channel = padded.strides
-        patches = np.lib.stride_tricks.as_strided(  # row, column; row of the kernel, (column of the kernel, channel)
-            padded, (batch, size, size, 3, 3 * channels), (image, row, column, row, channel), writeable=False
+        patches = np.ndarray(  # row, column; row of the kernel, (column of the kernel, channel)
+            (batch, size, size, 3, 3 * channels), np.float32, padded, strides=(image, row, column, row, channel)
         )
         full = patches.reshape(batch, size * size, 9 * channels) @ self._kernel  # [B, s * s, out]
         full += self._plane

@@ -40,6 +40,7 @@ class LearnedHeuristic(Heuristic):
         self.temperature = temperature
         self.action_space = network.action_space
         self._parameters = tuple(network.parameters())
+        *_, self._last_shared = (layer for layer in network.body if isinstance(layer, nn.Linear))
         self._fast, self._version = FastNetwork(network), self._present_version()
 
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
@@ -57,7 +58,7 @@ class LearnedHeuristic(Heuristic):
                         f"one of {scene.num_objects}; every density needs its own (Sec. 7.5)"
                     )
         started = time.perf_counter()
-        observations = np.stack([observe(scene, state) for scene, state in zip(scenes, states, strict=True)])
+        observations = np.array([observe(scene, state) for scene, state in zip(scenes, states, strict=True)])
         observation_s = time.perf_counter() - started
         closed = np.array([state.gripper_closed for state in states])
         outputs = [output.astype(np.float64) for output in self._present_network()(observations, closed)]
@@ -79,6 +80,5 @@ class LearnedHeuristic(Heuristic):
         PyTorch counts the changes of a parameter in place, but not those that fused optimizers make: these are seen in
         the biases of the last layer that all outputs share, which no step of training leaves as they are.
         """
-        *_, last = (layer for layer in self.network.body if isinstance(layer, nn.Linear))
-        counts = [(parameter._version, parameter.data_ptr()) for parameter in self._parameters]
-        return (*counts, last.bias.detach().cpu().numpy().tobytes())
+        biases = self._last_shared.bias.detach().cpu().numpy().tobytes()
+        return (biases, *[parameter._version for parameter in self._parameters])
