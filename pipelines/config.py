@@ -675,6 +675,11 @@ class TuneCraftedConfig(PipelineConfig):
                 f"planner.name={self.planner.name} has no handcrafted heuristic whose weights could be searched: "
                 "choose planner=crafted_heuristic_rhp."
             )
+        if self.planner.deadline_s is not None:
+            raise _error(
+                f"planner.deadline_s={self.planner.deadline_s:g}: trials cannot be compared where the speed of the "
+                "machine counts; it has to be null."
+            )
         if not self.action_spaces or len(set(self.action_spaces)) < len(self.action_spaces):
             raise _error(
                 f"action_spaces={list(self.action_spaces)} should name one action space or several different ones."

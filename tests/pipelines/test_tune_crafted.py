@@ -262,6 +262,7 @@ def test_an_episode_is_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         ("action_spaces=[]", r"action_spaces=\[\]"),
         ("action_spaces=[discrete,discrete]", r"several different ones"),
         ("planner=kinodynamic_rrt", r"planner\.name=K\.RRT has no handcrafted heuristic"),
+        ("planner.deadline_s=0.1", r"planner\.deadline_s=0\.1: .* has to be null"),
         ("planner=visual_rhp", r"choose planner=crafted_heuristic_rhp"),
         ("search.num_trials=0", r"search\.num_trials=0 is out of range"),
     ],
