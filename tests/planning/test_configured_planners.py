@@ -20,7 +20,7 @@ DEFAULT, DECISION = KinodynamicRRT(), KinodynamicRRT(max_simulations=20000)
         (["planner=kinodynamic_rrt"], replace(DEFAULT, time_limit_s=180.0)),
         (["planner=kinodynamic_rrt", "planner.shorten=true"], replace(DEFAULT, time_limit_s=180.0, shorten=True)),
         (["planner=closed_loop_krrt"], ClosedLoopKRRT(DECISION)),
-        (["planner=closed_loop_krrt", "planner.keep_plan=true"], ClosedLoopKRRT(DECISION, keep_plan=True)),
+        (["planner=closed_loop_krrt", "planner.keep_plan=false"], ClosedLoopKRRT(DECISION, keep_plan=False)),
         (["planner=dhrrt"], DHRRT(DECISION)),
         (["planner=dhrrt", "planner.rrt.time_limit_s=180.0"], DHRRT(replace(DECISION, time_limit_s=180.0))),
         (["planner=dhrrt", "planner.progress=0.05"], DHRRT(DECISION, progress=0.05)),

@@ -18,24 +18,27 @@ from visualrhp.types import Action, State
 
 @dataclass(frozen=True, slots=True)
 class ClosedLoopKRRT(Planner):
-    """Plans to the goal after each action, and takes the first action of the plan.
+    """Decides after each action how to go on to the goal, and takes one action of that.
 
     A state that is to the bit the one that the plan foresaw is not planned in again: nothing is known now that was not
     known before. Where the model is the world, that is always so, and the planner acts as it does open loop; where it
-    is not, hardly ever.
+    is not, hardly ever. In any other state:
 
-    In any other state a new tree is grown, which has ``rrt.max_simulations`` and ``rrt.time_limit_s`` to find a plan
-    within the actions that are left in the episode. If it finds none, the rest of the old plan is followed, although
-    the state is not the one that it was made for; once nothing is left of it, the planner gives up.
+    1. With ``keep_plan``, the rest of the plan is simulated from the observed state, and kept if it still reaches a
+       goal state.
+    2. Otherwise a new tree is grown, which has ``rrt.max_simulations`` and ``rrt.time_limit_s`` to find a plan within
+       the actions that are left in the episode.
+    3. If it finds none, the rest of the old plan is followed, although the state is not the one that it was made for;
+       once nothing is left of it, the planner gives up.
 
     Attributes:
         rrt: the search and its budget for one decision.
-        keep_plan: whether the rest of the plan is first simulated from the observed state, and kept if it still reaches
-            a goal state: less to plan, and less turning back and forth between plans that have little in common.
+        keep_plan: without it, the planner plans anew in every unforeseen state. That takes longer, and drops more
+            objects: plans that are drawn at random have little in common, and each of them is another risk.
     """
 
     rrt: KinodynamicRRT
-    keep_plan: bool = False
+    keep_plan: bool = True
 
     @property
     def name(self) -> str:
