@@ -33,12 +33,13 @@ def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executo
     Raises:
         ConfigError: the Dask cluster cannot be reached, or has no worker.
     """
-    if executor.name == "dask":
+    num_workers = worker_count(executor)
+    if num_workers is None or executor.name == "dask":
         yield from _on_cluster(function, items, executor)
-    elif worker_count(executor) == 1:
+    elif num_workers == 1:
         yield from _in_this_process(function, items)
     else:
-        yield from _in_processes(function, items, worker_count(executor))
+        yield from _in_processes(function, items, num_workers)
 
 
 def worker_count(executor: ExecutorConfig) -> int | None:
