@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -79,10 +80,13 @@ class SoftmaxGuidance(Guidance):
         weights = np.exp(scaled - scaled.max(axis=1, keepdims=True))
         return weights / weights.sum(axis=1, keepdims=True)
 
+    @cached_property
+    def _cumulative(self) -> FloatArray:
+        return np.cumsum(self.probabilities, axis=1)
+
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        cumulative = np.cumsum(self.probabilities, axis=1)
-        draws = np.array([rng.random() for rng in rngs]) * cumulative[:, -1]
-        return (cumulative <= draws[:, None]).sum(axis=1).tolist()
+        draws = np.array([rng.random() for rng in rngs]) * self._cumulative[:, -1]
+        return (self._cumulative <= draws[:, None]).sum(axis=1).tolist()
 
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]
