@@ -22,8 +22,8 @@ def main() -> int:
     )
     parser.add_argument("sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all by default")
     parser.add_argument("--quick", action="store_true", help="hardly any repetitions: to see that it works")
-    parser.add_argument("--instances", type=int, help="task instances a density, for the section rrt")
-    parser.add_argument("--time-limit", type=float, metavar="S", help="of a search, for the section rrt [s]")
+    parser.add_argument("--instances", type=int, help="task instances a density, for rrt and rrt_beside_ompl")
+    parser.add_argument("--time-limit", type=float, metavar="S", help="of a search, for rrt and rrt_beside_ompl [s]")
     options = parser.parse_args()
     unknown = [name for name in options.sections if name not in SECTIONS]
     if unknown:

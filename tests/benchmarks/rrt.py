@@ -2,14 +2,13 @@
 
     python -m tests.benchmarks rrt --instances 300
 
-A search that is out of time counts as unsolved, and with the time it took. A plan has under 50 actions, for both. OMPL
-is an optional extra: without it, its part is left out.
+A search that is out of time counts as unsolved, and with the time it took. A plan has under 50 actions, for both
+planners. The section rrt_beside_ompl makes the comparison, for which OMPL has to be installed.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import math
 import time
 from collections.abc import Sequence
@@ -27,8 +26,8 @@ from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteAc
 from visualrhp.types import Action, ActionSpaceName, State, wrap_angle
 
 _SEED, _PLANNING_STREAM = 0, 1
-_DENSITIES = range(1, 8)
-_ACTION_SPACES: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
+DENSITIES = range(1, 8)
+ACTION_SPACES: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,14 @@ def _ours(space: ActionSpaceName, task: TaskInstance, index: int, planner: Kinod
     return Search(len(found.episode) if found.episode else None, elapsed, found.num_simulated)
 
 
+def planner_for(effort: Effort) -> KinodynamicRRT:
+    """K.RRT with the time limit as its only one."""
+    return KinodynamicRRT(max_simulations=10**8, time_limit_s=effort.time_limit_s)
+
+
 def run(effort: Effort) -> None:
-    planner = KinodynamicRRT(max_simulations=10**8, time_limit_s=effort.time_limit_s)
-    for space in _ACTION_SPACES:
-        reach(space, _DENSITIES, effort.instances, planner)
-    if importlib.util.find_spec("ompl") is None:
-        print('\nOMPL is not installed: its part is left out. pip install "visualrhp[ompl]", or pip install ompl')
-        return
-    for space in _ACTION_SPACES:
-        beside_ompl(space, _DENSITIES, effort.instances, planner)
+    for space in ACTION_SPACES:
+        reach(space, DENSITIES, effort.instances, planner_for(effort))
 
 
 def reach(space: ActionSpaceName, densities: Sequence[int], instances: int, planner: KinodynamicRRT) -> None:

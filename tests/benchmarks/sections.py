@@ -9,7 +9,17 @@ import sys
 
 from tests.benchmarks.timing import Effort
 
-SECTIONS = ("simulation", "environment", "batched", "planning", "rrt", "training", "command_line", "peers")
+SECTIONS = (
+    "simulation",
+    "environment",
+    "batched",
+    "planning",
+    "rrt",
+    "rrt_beside_ompl",
+    "training",
+    "command_line",
+    "peers",
+)
 """Modules of this package with a function ``run(effort)``."""
 
 

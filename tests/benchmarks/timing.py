@@ -30,12 +30,12 @@ class Effort:
     repetitions: int = 15
     motions: int = 50
     seconds: float = 0.5
-    instances: int = 20
+    instances: int = 10
     time_limit_s: float = 180.0
 
 
 FULL = Effort()
-QUICK = Effort(repetitions=1, motions=4, seconds=0.05, instances=1, time_limit_s=0.2)
+QUICK = Effort(repetitions=1, motions=4, seconds=0.05, instances=1, time_limit_s=2.0)
 
 
 class Ratio(NamedTuple):
