@@ -33,8 +33,8 @@ class ClosedLoopKRRT(Planner):
 
     Attributes:
         rrt: the search and its budget for one decision.
-        keep_plan: without it, the planner plans anew in every unforeseen state. That takes longer, and drops more
-            objects: plans that are drawn at random have little in common, and each of them is another risk.
+        keep_plan: without it, the planner plans anew in every unforeseen state. That takes more time and somewhat more
+            actions: plans that are drawn at random have little in common.
     """
 
     rrt: KinodynamicRRT
