@@ -16,6 +16,7 @@ import errno
 import itertools
 import json
 import logging
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +39,9 @@ _BLOCK_SIZE = 8
 
 _NUM_TRIALS = 200
 """Attempts before a planner that solves next to nothing is given up."""
+
+_LITTLE_SPACE = 1 << 16
+"""Free bytes of a disk that is as good as full."""
 
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -351,11 +355,29 @@ def _write_pictures(folder: Path, demonstrations: DemonstrationSet, lengths: Any
     from visualrhp.rendering.video import write_video
 
     with atomic_path(folder / "contact_sheet.png") as path:
-        cv2.imwrite(str(path), cv2.cvtColor(_contact_sheet(demonstrations), cv2.COLOR_RGB2BGR))
+        _, encoded = cv2.imencode(".png", cv2.cvtColor(_contact_sheet(demonstrations), cv2.COLOR_RGB2BGR))
+        path.write_bytes(encoded.tobytes())
     if video.num_scenes:
-        write_video(folder / "demonstrations.webm", _video_frames(demonstrations, video), _VIDEO_FPS)
+        with _full_disk_noticed(folder):
+            write_video(folder / "demonstrations.webm", _video_frames(demonstrations, video), _VIDEO_FPS)
     with atomic_path(folder / "lengths.png") as path:
         _length_histogram(lengths, demonstrations.action_space).savefig(path, dpi=120)
+
+
+@contextmanager
+def _full_disk_noticed(folder: Path) -> Iterator[None]:
+    """OpenCV goes on, or fails some other way, where the disk is full.
+
+    Raises:
+        OSError: it is.
+    """
+    import shutil
+
+    try:
+        yield
+    finally:
+        if shutil.disk_usage(folder).free < _LITTLE_SPACE:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _contact_sheet(demonstrations: DemonstrationSet) -> Frame:

@@ -8,6 +8,7 @@ import os
 import resource
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -222,6 +223,20 @@ def test_a_file_that_cannot_grow_is_a_full_disk(tmp_path: Path, reference: dict[
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert content(generate(tmp_path)) == reference
+
+
+def test_a_disk_that_the_video_filled_is_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV does not say so."""
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    with (
+        pytest.raises(DataError, match="no space left"),
+        generate_demos.a_full_disk_explained(tmp_path),
+        generate_demos._full_disk_noticed(tmp_path),
+    ):
+        pass
+    monkeypatch.undo()
+    with generate_demos._full_disk_noticed(tmp_path):
+        pass
 
 
 def test_other_errors_are_not_taken_for_a_full_disk(tmp_path: Path) -> None:
