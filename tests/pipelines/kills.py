@@ -115,6 +115,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--count", type=int, default=400, help="demonstrations of a set")
+    parser.add_argument("--share", type=float, default=0.4, help="of the time without interruption: latest moment")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     options = parser.parse_args()
     rng = random.Random(options.seed)
@@ -132,7 +133,7 @@ def main() -> None:
             seconds = time.perf_counter() - begun
             expected = content(Path(folder) / "whole")
             interrupted = Path(folder) / "interrupted"
-            moments = (partial(operator.lt, rng.uniform(0.0, seconds)) for _ in itertools.count())
+            moments = (partial(operator.lt, rng.uniform(0.0, options.share * seconds)) for _ in itertools.count())
             tally = kill_until_done(interrupted, overrides, moments, options.kills - total)
             found = content(interrupted)
             different = sorted(name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name))
