@@ -62,11 +62,13 @@ class Point:
         """Columns of the episodes table that say what was evaluated."""
         config = self.config
         low, high = config.scene.num_objects if isinstance(config.scene.num_objects, tuple) else (0, 0)
+        # With a deadline, n is how many roll-outs begin together, and what fits depends on the machine: a method apart.
+        deadline_s = getattr(config.planner, "deadline_s", None)
         return {
             "experiment": self.experiment,
-            "planner": config.planner.name,
+            "planner": config.planner.name + (f" in {1e3 * deadline_s:g} ms" if deadline_s is not None else ""),
             "action_space": config.action_space.name,
-            "num_rollouts": getattr(config.planner, "num_rollouts", None),
+            "num_rollouts": getattr(config.planner, "num_rollouts", None) if deadline_s is None else None,
             "horizon": getattr(config.planner, "horizon", None),
             "scene_num_objects": str(low) if low == high else f"{low}-{high}",
             "object_size": config.scene.object_size,

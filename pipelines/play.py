@@ -211,7 +211,7 @@ def _watch(planner: Planner, live: _Live | None) -> Any:
                 decision = policy(state)
                 self.decisions.append(Considered(state, decision, time.perf_counter() - started))
                 if live is not None:
-                    live.imagine(imagined_paths(decision))
+                    live.imagine(imagined_paths(decision), self.decisions[-1].time_s)
                 return decision
 
             return decide
@@ -248,6 +248,7 @@ def video_frames(config: PlayConfig, played: Played) -> Iterator[Frame]:
         played.result.states,
         outcome=played.result.outcome,
         imagined=[imagined_paths(considered.decision) for considered in played.decisions] if with_imagined else None,
+        decision_s=[considered.time_s for considered in played.decisions],
         hold=round(config.video.fps * config.video.hold_s),
         **looks,
     )
@@ -302,8 +303,8 @@ class _Live:
             self._state = state
             self._show(self._renderer.move(state, outcome))
 
-    def imagine(self, paths: list[ImaginedPath]) -> None:
-        self._show(self._renderer.imagine(paths))
+    def imagine(self, paths: list[ImaginedPath], decision_s: float) -> None:
+        self._show(self._renderer.imagine(paths, decision_s))
 
     def end(self, state: State, outcome: Outcome, hold_s: float) -> None:
         self.arrive(state, outcome)

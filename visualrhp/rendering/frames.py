@@ -99,7 +99,7 @@ def render_frame(
         ConfigError: ``size_px`` is below 64.
     """
     view = _View(scene, size_px, show_observation, show_inset)
-    return view.draw(state, state, trail, caption, imagined or (), imagined)
+    return view.draw(state, state, trail, caption, imagined or (), imagined, None)
 
 
 class EpisodeRenderer:
@@ -151,16 +151,22 @@ class EpisodeRenderer:
         self._imagined_frames = imagined_frames
         self._states = [state]
         self._legend: Sequence[ImaginedPath] | None = () if show_imagined else None
+        self._decision_s: float | None = None
 
     def still(self, outcome: Outcome | None = None) -> Frame:
         """The current state, with how the episode ended if it has."""
         return self._draw(self._states[-1], outcome=outcome)
 
-    def imagine(self, paths: Sequence[ImaginedPath]) -> Iterator[Frame]:
-        """The roll-outs in the current state; their legend stays until the next ones. Nothing if there are none."""
+    def imagine(self, paths: Sequence[ImaginedPath], decision_s: float | None = None) -> Iterator[Frame]:
+        """The roll-outs in the current state; their legend stays until the next ones. Nothing if there are none.
+
+        Args:
+            paths: of the roll-outs.
+            decision_s: how long the planner took [s], which the legend says if it is given.
+        """
         if self._legend is None or not paths:
             return
-        self._legend = paths
+        self._legend, self._decision_s = paths, decision_s
         picture = self._draw(self._states[-1], paths)
         for _ in range(self._imagined_frames):
             yield picture
@@ -183,7 +189,7 @@ class EpisodeRenderer:
     ) -> Frame:
         trail = self._states if moving else self._states[:-1]
         caption = Caption(self._title, len(trail), self._max_steps, outcome) if self._title else None
-        return self._view.draw(state, self._states[-1], trail, caption, paths, self._legend)
+        return self._view.draw(state, self._states[-1], trail, caption, paths, self._legend, self._decision_s)
 
 
 def episode_frames(
@@ -194,6 +200,7 @@ def episode_frames(
     outcome: Outcome | None = None,
     max_steps: int | None = None,
     imagined: Sequence[Sequence[ImaginedPath]] | None = None,
+    decision_s: Sequence[float] | None = None,
     size_px: int = 480,
     frames_per_action: int = 6,
     imagined_frames: int = 6,
@@ -212,6 +219,7 @@ def episode_frames(
         max_steps: the action limit, for the caption.
         imagined: for each of the first states, up to all of them, the roll-outs that the planner compared there; they
             are shown before the motion. None leaves the bar of their legend out.
+        decision_s: how long the planner took in each of these states [s], for the legend.
         size_px: see :func:`render_frame`.
         frames_per_action: see :class:`EpisodeRenderer`.
         imagined_frames: see :class:`EpisodeRenderer`.
@@ -241,7 +249,7 @@ def episode_frames(
     yield picture
     for step in range(last + 1):
         if imagined is not None and step < len(imagined):
-            yield from renderer.imagine(imagined[step])
+            yield from renderer.imagine(imagined[step], None if decision_s is None else decision_s[step])
         if step < last:
             for picture in renderer.move(states[step + 1], outcome if step + 1 == last else None):
                 yield picture
@@ -279,6 +287,7 @@ class _View:
         caption: Caption | None,
         paths: Sequence[ImaginedPath],
         legend: Sequence[ImaginedPath] | None,
+        decision_s: float | None,
     ) -> Frame:
         """See :func:`render_frame`; ``observed`` is the state of the label image, ``legend`` the paths of the bar."""
         canvas, size_px = self.canvas, self.canvas.size_px
@@ -296,7 +305,7 @@ class _View:
         if caption is not None:
             bars.insert(0, _caption_bar(caption, size_px, picture.shape[1]))
         if legend is not None:
-            bars.append(legend_bar(canvas.scene, legend, _bar_height(size_px), picture.shape[1]))
+            bars.append(legend_bar(canvas.scene, legend, _bar_height(size_px), picture.shape[1], decision_s))
         return np.concatenate(bars, axis=0) if len(bars) > 1 else picture
 
     def _draw_inset(self, picture: Frame, state: State, observed: State) -> Box:

@@ -286,8 +286,10 @@ def _overlap(box: Box, other: Box, gap: int) -> bool:
 
 
 # -------------------------------------------------------------------------------------------------------------- legend
-def legend_bar(scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int) -> Frame:
-    """A bar to go below a frame: how many roll-outs there are, and which return has which colour.
+def legend_bar(
+    scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int, decision_s: float | None = None
+) -> Frame:
+    """A bar to go below a frame: how many roll-outs there are, how long they took, which return has which colour.
 
     Every return has a tick below the scale, the chosen one a triangle above it.
 
@@ -303,7 +305,7 @@ def legend_bar(scene: Scene, paths: Sequence[ImaginedPath], height: int, width: 
     baseline = round(0.5 * height + 0.36 * text_px)
     right = _draw_scale(bar, paths, width - margin, baseline, text_px)
     room = right - 2 * margin
-    for words in _summaries(scene, paths):
+    for words in _summaries(scene, paths, decision_s):
         if text_width(words, text_px, 400) <= room:
             text(bar, words, margin, baseline, FAINT_INK, text_px, 400)
             break
@@ -349,14 +351,18 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
     return left
 
 
-def _summaries(scene: Scene, paths: Sequence[ImaginedPath]) -> list[str]:
+def _summaries(scene: Scene, paths: Sequence[ImaginedPath], decision_s: float | None) -> list[str]:
     """What there is to see in words, the longest first."""
     diverged = sum(path.is_diverged for path in paths)
     dropping = sum(task.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
     count = f"{len(paths)} imagined roll-out{'s' if len(paths) > 1 else ''}"
     remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
     short = count.replace("imagined ", "")
+    timed = (
+        [] if decision_s is None else [f"{count} in {1e3 * decision_s:.3g} ms", f"{short} in {1e3 * decision_s:.3g} ms"]
+    )
     return [
+        *(", ".join([words, *remarks]) for words in timed),
         *[f"{', '.join([count, *remarks])}: returns"] * (diverged < len(paths)),
         ", ".join([count, *remarks]),
         ", ".join([short, *remarks]),
