@@ -443,6 +443,7 @@ def report_lines(start: Record, best: Record, weights: Mapping[str, float]) -> s
 
 def search_figure(records: Sequence[Record], best: Record) -> Figure:
     """The objective of every trial in order, and over each weight."""
+    import numpy as np
     from matplotlib.figure import Figure
 
     names = list(best.weights)
@@ -461,6 +462,10 @@ def search_figure(records: Sequence[Record], best: Record) -> Figure:
         axes.set_xlabel("trial" if name is None else name)
         if name is not None:
             axes.set_xscale("log")
+            tried = [record.weights[name] for record in records]
+            ticks = np.geomspace(min(tried), max(tried), 4)
+            axes.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
+            axes.minorticks_off()
         if number % columns == 0:
             axes.set_ylabel("objective")
         if name is None:
