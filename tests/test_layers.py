@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import itertools
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -75,8 +77,9 @@ def test_only_what_is_declared_is_imported() -> None:
     import tomllib
 
     project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    requirements = [*project["dependencies"], *project["optional-dependencies"]["dask"]]
-    declared = {requirement.split(">")[0].lower().replace("-", "_") for requirement in requirements}
+    extras = {name: needs for name, needs in project["optional-dependencies"].items() if name != "test"}
+    requirements = [*project["dependencies"], *itertools.chain(*extras.values())]
+    declared = {re.split(r"[\[>]", requirement)[0].lower().replace("-", "_") for requirement in requirements}
     of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core", "ruamel": "ruamel.yaml"}
     for path in [*MODULES, *(PACKAGE.parent / "pipelines").rglob("*.py")]:
         for line, module in imported_modules(path):
