@@ -113,7 +113,8 @@ def _on_cluster(
 
         def send() -> None:
             nonlocal num_sent
-            room = executor.num_workers or 2 * max(1, sum(client.ncores().values()))
+            cores: Any = client.ncores()  # of a synchronous client no coroutine
+            room = executor.num_workers or 2 * max(1, sum(cores.values()))
             while num_sent - num_done < room:
                 try:
                     item = next(waiting)

@@ -71,4 +71,4 @@ def test_threads_are_as_before_afterwards() -> None:
 
 def test_worker_count() -> None:
     assert worker_count(TWO) == 2
-    assert worker_count(ExecutorConfig("loky", None, None)) >= 1
+    assert (worker_count(ExecutorConfig("loky", None, None)) or 0) >= 1

@@ -196,12 +196,13 @@ def export_minari(
 
     def buffer(position: int) -> EpisodeBuffer:
         task, episode = demonstrations[position]
+        actions: Any = _environment_actions(episode, environment.action_space)  # an array, as Minari stores it
         return EpisodeBuffer(
             observations={
                 "observation": np.stack([observe(task.scene, state) for state in episode.states]),
                 "gripper_closed": np.array([state.gripper_closed for state in episode.states], dtype=np.int64),
             },
-            actions=_environment_actions(episode, environment.action_space),
+            actions=actions,
             rewards=list(episode.rewards),
             terminations=[False] * (len(episode) - 1) + [True],
             truncations=[False] * len(episode),
