@@ -129,10 +129,18 @@ def test_pairs_are_states_with_their_actions() -> None:
     assert len(data) == 7
     assert data.demonstration.tolist() == [0, 0, 0, 1, 1, 1, 1]
     task, episode = pairs[1]
-    np.testing.assert_array_equal(data.observation[4], IMAGE(task.scene, episode.states[1]))
-    assert data.action[4].item() == episode.actions[1]
-    assert data.gripper_closed[4].item() == episode.states[1].gripper_closed
-    assert data.observation.dtype is torch.uint8
+    batch = data[torch.tensor([4, 0])]
+    np.testing.assert_array_equal(batch.observation[0], IMAGE(task.scene, episode.states[1]))
+    assert batch.action[0].item() == episode.actions[1]
+    assert batch.gripper_closed[0].item() == episode.states[1].gripper_closed
+    assert batch.observation.dtype is torch.uint8
+    assert batch.steps_to_go.tolist() == [3, 3]
+
+
+def test_label_images_are_kept_packed() -> None:
+    """A tenth of the bytes or less, so that a million pairs train in little memory."""
+    data = data_of("discrete", IMAGE, count=20)
+    assert data.observations.nbytes < 0.2 * len(data) * 64 * 64
 
 
 def test_no_demonstrations_are_an_error() -> None:
@@ -143,16 +151,17 @@ def test_no_demonstrations_are_an_error() -> None:
 def test_whole_demonstrations_are_held_out() -> None:
     data = data_of("discrete", CARTESIAN, count=10)
     training, held_out = data.split(0.3, torch.Generator().manual_seed(0))
-    assert len(torch.unique(held_out.demonstration)) == 3
-    assert not set(training.demonstration.tolist()) & set(held_out.demonstration.tolist())
-    assert len(training) + len(held_out) == len(data)
+    assert len(torch.unique(data.demonstration[held_out])) == 3
+    assert not set(data.demonstration[training].tolist()) & set(data.demonstration[held_out].tolist())
+    assert sorted([*training.tolist(), *held_out.tolist()]) == list(range(len(data)))
 
 
 @pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
 def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, observe: ObservationFunction) -> None:
-    data = data_of(action_space, observe)
-    rows = torch.arange(len(data)) % 2 == 0
+    pairs = data_of(action_space, observe)
+    data = pairs[torch.arange(len(pairs))]
+    rows = torch.arange(len(pairs)) % 2 == 0
     once = data.mirrored(rows)
     assert torch.equal(once.observation[~rows], data.observation[~rows])
     assert not torch.equal(once.observation[rows], data.observation[rows])
@@ -163,8 +172,9 @@ def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, obser
 
 def test_mirrored_actions_are_those_of_the_action_space() -> None:
     for action_space in ("discrete", "continuous"):
-        data = data_of(action_space, CARTESIAN)
-        mirrored = data.mirrored(torch.ones(len(data), dtype=torch.bool))
+        pairs = data_of(action_space, CARTESIAN)
+        data = pairs[torch.arange(len(pairs))]
+        mirrored = data.mirrored(torch.ones(len(pairs), dtype=torch.bool))
         space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
         expected = [space.mirror(a if a.ndim else int(a)) for a in data.action.numpy()]
         np.testing.assert_allclose(mirrored.action.numpy(), np.array(expected), rtol=1e-6)
@@ -182,7 +192,7 @@ def steering(count: int, action_space: str, seed: int = 0) -> ImitationData:
         action = torch.zeros(count, 4)
         action[:, 1] = torch.where(left, 0.8, -0.8)
     return ImitationData(
-        observation=features,
+        observations=features.numpy(),
         gripper_closed=torch.zeros(count, dtype=torch.bool),
         action=action,
         returns=-10.0 + 3.0 * features[:, 1].clamp(-2, 2),
@@ -215,7 +225,7 @@ def test_a_trivial_continuous_problem_is_learned() -> None:
     assert metrics["validation/value_rmse"] < 1.2
     probe = steering(200, "continuous", seed=7)
     with torch.no_grad():
-        mean, std, _ = learner.network(probe.observation, probe.gripper_closed)
+        mean, std, _ = learner.network(torch.from_numpy(probe.observations), probe.gripper_closed)
     assert (mean[:, 1].sign() == probe.action[:, 1].sign()).float().mean() > 0.93
     assert std[:, 0].mean() < 0.2
 

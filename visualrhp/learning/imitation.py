@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 import os
 import time
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import nn
 from torch.distributions import Independent, Normal
@@ -23,6 +25,7 @@ from visualrhp.errors import ConfigError, DataError, LearningError
 from visualrhp.heuristics.networks import ActorCritic, QNetwork
 from visualrhp.learning.checkpoints import load_training_state, save_training_state
 from visualrhp.learning.demonstrations import monte_carlo_returns
+from visualrhp.learning.label_runs import LabelRuns
 from visualrhp.rendering.cartesian import mirror_cartesian
 from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation.action_spaces import DiscreteActionSpace
@@ -36,19 +39,54 @@ _MIRRORED_DISCRETE = torch.tensor(DiscreteActionSpace.MIRRORED)
 
 
 @dataclass(frozen=True)
-class ImitationData:
-    """T state-action pairs of demonstrations, as tensors.
+class ImitationBatch:
+    """B state-action pairs of demonstrations, as tensors.
 
     Attributes:
-        observation: [T, 64, 64] uint8 labels or [T, 4 m + 6] float32 features.
-        gripper_closed: [T] bool.
-        action: [T] int64 or [T, 4] float32.
-        returns: [T] float32, Monte Carlo targets (Eq. 4).
-        steps_to_go: [T] int64, L - l.
-        demonstration: [T] int64, the demonstration that a pair is from.
+        observation: [B, 64, 64] uint8 labels or [B, 4 m + 6] float32 features.
+        gripper_closed: [B] bool.
+        action: [B] int64 or [B, 4] float32.
+        returns: [B] float32, Monte Carlo targets (Eq. 4).
+        steps_to_go: [B] int64, L - l.
     """
 
     observation: torch.Tensor
+    gripper_closed: torch.Tensor
+    action: torch.Tensor
+    returns: torch.Tensor
+    steps_to_go: torch.Tensor
+
+    def mirrored(self, rows: torch.Tensor) -> ImitationBatch:
+        """The same pairs, with those in the mask ``rows`` [B] as seen and done in the mirrored scene."""
+        parts = dict(vars(self))
+        if self.observation.dtype == torch.uint8:
+            mirror = self.observation.flip(-1)
+        else:
+            signs = mirror_cartesian(np.ones(self.observation.shape[1], np.float32))
+            mirror = self.observation * torch.from_numpy(signs)
+        mask = rows.view(-1, *[1] * (mirror.dim() - 1))
+        parts["observation"] = torch.where(mask, mirror, self.observation)
+        if self.action.dim() == 1:
+            parts["action"] = torch.where(rows, _MIRRORED_DISCRETE[self.action], self.action)
+        else:
+            parts["action"] = torch.where(rows[:, None], self.action * _MIRRORED_CONTINUOUS, self.action)
+        return ImitationBatch(**parts)
+
+
+@dataclass(frozen=True)
+class ImitationData:
+    """T state-action pairs of demonstrations in little memory: a batch of them is unpacked as it is used.
+
+    Attributes:
+        observations: T packed label images, or [T, 4 m + 6] float32 features.
+        gripper_closed: [T] bool.
+        action: [T] int64 or [T, 4] float32.
+        returns: [T] float32, Monte Carlo targets (Eq. 4).
+        steps_to_go: [T] int32, L - l.
+        demonstration: [T] int32, the demonstration that a pair is from.
+    """
+
+    observations: LabelRuns | npt.NDArray[np.float32]
     gripper_closed: torch.Tensor
     action: torch.Tensor
     returns: torch.Tensor
@@ -62,60 +100,63 @@ class ImitationData:
         observe: ObservationFunction,
         discount: float = DISCOUNT,
     ) -> ImitationData:
-        """Look at every state of the demonstrations but the last.
+        """Look at every state of the demonstrations but the last; one demonstration is held at a time.
 
         Raises:
             DataError: there are no demonstrations.
         """
-        observations, closed, actions, returns, steps_to_go, numbers = [], [], [], [], [], []
-        for number, (task, episode) in enumerate(demonstrations):
-            observations += [observe(task.scene, state) for state in episode.states[:-1]]
-            closed += [state.gripper_closed for state in episode.states[:-1]]
-            actions += episode.actions
-            returns += list(monte_carlo_returns(episode.rewards, discount))
-            steps_to_go += range(len(episode), 0, -1)
-            numbers += [number] * len(episode)
-        if not observations:
+        closed, returns = array("b"), array("f")
+        steps_to_go, numbers = array("i"), array("i")
+        actions: list[np.ndarray] = []
+
+        def look() -> Iterator[np.ndarray]:
+            for number, (task, episode) in enumerate(demonstrations):
+                length = len(episode)
+                closed.extend(state.gripper_closed for state in episode.states[:-1])
+                returns.extend(monte_carlo_returns(episode.rewards, discount))
+                steps_to_go.extend(range(length, 0, -1))
+                numbers.extend([number] * length)
+                action = np.array(episode.actions)
+                actions.append(action if action.ndim == 1 else action.astype(np.float32))
+                for state in episode.states[:-1]:
+                    yield observe(task.scene, state)
+
+        observations: Any
+        if observe.name == "image":
+            observations = LabelRuns.pack(look())
+        else:
+            size = math.prod(observe.shape)
+            observations = np.fromiter(look(), np.dtype((np.float32, (size,))))
+        if not actions:
             raise DataError("there are no demonstrations to imitate")
-        action = np.array(actions)
         return cls(
-            observation=torch.from_numpy(np.stack(observations)),
-            gripper_closed=torch.tensor(closed),
-            action=torch.from_numpy(action if action.ndim == 1 else action.astype(np.float32)),
-            returns=torch.tensor(returns, dtype=torch.float32),
-            steps_to_go=torch.tensor(steps_to_go),
-            demonstration=torch.tensor(numbers),
+            observations=observations,
+            gripper_closed=torch.tensor(np.array(closed, dtype=np.bool_)),
+            action=torch.from_numpy(np.concatenate(actions)),
+            returns=torch.tensor(np.array(returns)),
+            steps_to_go=torch.tensor(np.array(steps_to_go)),
+            demonstration=torch.tensor(np.array(numbers)),
         )
 
     def __len__(self) -> int:
         return len(self.returns)
 
-    def __getitem__(self, rows: torch.Tensor) -> ImitationData:
-        """The pairs at ``rows`` (indices or a mask)."""
-        return ImitationData(**{name: values[rows] for name, values in vars(self).items()})
+    def __getitem__(self, rows: torch.Tensor) -> ImitationBatch:
+        """The pairs with the indices ``rows`` [B]."""
+        return ImitationBatch(
+            observation=torch.from_numpy(self.observations[rows.numpy()]),
+            gripper_closed=self.gripper_closed[rows],
+            action=self.action[rows],
+            returns=self.returns[rows],
+            steps_to_go=self.steps_to_go[rows].to(torch.int64),
+        )
 
-    def split(self, fraction: float, generator: torch.Generator) -> tuple[ImitationData, ImitationData]:
-        """Training and held-out pairs; whole demonstrations are held out, ``fraction`` of them."""
+    def split(self, fraction: float, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Indices of training and held-out pairs; whole demonstrations are held out, ``fraction`` of them."""
         numbers = torch.unique(self.demonstration)
         order = torch.randperm(len(numbers), generator=generator)
         held_out = torch.isin(self.demonstration, numbers[order[: round(fraction * len(numbers))]])
-        return self[~held_out], self[held_out]
-
-    def mirrored(self, rows: torch.Tensor) -> ImitationData:
-        """The same pairs, with those in the mask ``rows`` [T] as seen and done in the mirrored scene."""
-        parts = dict(vars(self))
-        if self.observation.dtype == torch.uint8:
-            mirror = self.observation.flip(-1)
-        else:
-            signs = mirror_cartesian(np.ones(self.observation.shape[1], np.float32))
-            mirror = self.observation * torch.from_numpy(signs)
-        mask = rows.view(-1, *[1] * (mirror.dim() - 1))
-        parts["observation"] = torch.where(mask, mirror, self.observation)
-        if self.action.dim() == 1:
-            parts["action"] = torch.where(rows, _MIRRORED_DISCRETE[self.action], self.action)
-        else:
-            parts["action"] = torch.where(rows[:, None], self.action * _MIRRORED_CONTINUOUS, self.action)
-        return ImitationData(**parts)
+        return torch.nonzero(~held_out)[:, 0], torch.nonzero(held_out)[:, 0]
 
 
 # --------------------------------------------------------------------------------------------------------------- losses
@@ -314,6 +355,7 @@ class ImitationLearner:
         self.history: list[Metrics] = []
         self._device = next(network.parameters()).device
         self._generator = torch.Generator().manual_seed(seed)
+        self._data = data
         self._training, self._validation = data.split(config.validation_fraction, self._generator)
         # The gradient of l2 ||w||^2 is 2 l2 w.
         decay = 2.0 * config.l2_regularization
@@ -370,7 +412,7 @@ class ImitationLearner:
         batches = order.split(self.config.batch_size)
         sums: dict[str, float] = {}
         for number, rows in enumerate(batches):
-            batch = self._training[rows]
+            batch = self._data[self._training[rows]]
             if self.config.mirror:
                 batch = batch.mirrored(torch.rand(len(rows), generator=self._generator) < 0.5)
             self._set_learning_rate(self.epoch * len(batches) + number, self.config.epochs * len(batches))
@@ -387,7 +429,7 @@ class ImitationLearner:
         for group in self._optimizer.param_groups:
             group["lr"] = self.config.lr * decay
 
-    def _loss(self, batch: ImitationData) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def _loss(self, batch: ImitationBatch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         action, returns = batch.action.to(self._device), batch.returns.to(self._device)
         outputs = self._outputs(batch)
         config = self.config
@@ -404,7 +446,7 @@ class ImitationLearner:
             config.return_unit,
         )
 
-    def _outputs(self, batch: ImitationData) -> Any:
+    def _outputs(self, batch: ImitationBatch) -> Any:
         return self.network(batch.observation.to(self._device), batch.gripper_closed.to(self._device))
 
     def _validate(self) -> Metrics:
@@ -412,8 +454,8 @@ class ImitationLearner:
         self.network.eval()
         sums: dict[str, float] = {}
         with torch.inference_mode():
-            for rows in torch.arange(len(self._validation)).split(self.config.batch_size):
-                batch = self._validation[rows]
+            for rows in self._validation.split(self.config.batch_size):
+                batch = self._data[rows]
                 loss, terms = self._loss(batch)
                 outputs = self._outputs(batch)
                 if isinstance(self.config, QImitationConfig):
