@@ -498,7 +498,7 @@ def page_content(
         ("Scale", str(evaluation["scale"])),
         ("Episodes", f"{len(episodes):,} in {len(evaluation['points'])} settings, seed {evaluation['seed']}"),
         ("Planning", f"{duration(planning)} in all; {duration(simulating)} to execute"),
-        ("Evaluation", f"{duration(float(evaluation['wall_time_s']))} on {evaluation['num_workers']} workers"),
+        ("Evaluation", f"{duration(float(evaluation['wall_time_s']))} on {evaluation['num_workers'] or 'all'} workers"),
         ("Networks", f"{len(evaluation['networks'])}: {', '.join(evaluation['networks']) or 'none'}"),
         ("Commit", str(commit)),
         ("Versions", ", ".join(f"{name} {number}" for name, number in evaluation["versions"].items() if number)),

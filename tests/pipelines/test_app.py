@@ -17,7 +17,8 @@ from pipelines.app import app, command_line_overrides, compose, override_keys
 from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
 from visualrhp.errors import ConfigError, DataError
 
-PIPELINES = ("generate_demos", "train_il", "train_rl", "evaluate", "report", "play", "tune_crafted")
+STAGES = ("generate_demos", "train_il", "train_rl", "evaluate", "report")
+PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos")
 Run = Callable[..., tuple[int, str]]
 
 

@@ -17,6 +17,7 @@ from pipelines.config import (
     C3POLearnerConfig,
     DQNLearnerConfig,
     EvaluateConfig,
+    ExportDemosConfig,
     GenerateDemosConfig,
     KinodynamicRRTConfig,
     PipelineConfig,
@@ -26,6 +27,7 @@ from pipelines.config import (
     TrainILConfig,
     TrainRLConfig,
     TuneCraftedConfig,
+    VerifyDemosConfig,
     suite_overrides,
 )
 
@@ -37,8 +39,10 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "report": ReportConfig,
     "play": PlayConfig,
     "tune_crafted": TuneCraftedConfig,
+    "verify_demos": VerifyDemosConfig,
+    "export_demos": ExportDemosConfig,
 }
-NO_STAGE = {"play", "tune_crafted"}  # nothing depends on what they make; the weights found are a part of conf/
+NO_STAGE = {"play", "tune_crafted", "verify_demos", "export_demos"}  # nothing depends on what they make
 SCALES = ("smoke", "quick", "paper")
 EXPERIMENTS = {
     "fig5": "train_il",
