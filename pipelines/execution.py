@@ -73,12 +73,18 @@ def _in_this_process(function: Callable[[Item], Result], items: Iterable[Item]) 
 
 def _in_processes(function: Callable[[Item], Result], items: Iterable[Item], num_workers: int) -> Iterator[Result]:
     from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky import get_reusable_executor
 
     # Tasks are sent one by one: they take from milliseconds to minutes, and the slow ones should not queue up.
     with parallel_config(backend="loky", n_jobs=num_workers, inner_max_num_threads=1):
         parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
         results = parallel(delayed(_while_parent_lives)(os.getpid(), function, item) for item in items)
-        yield from cast("Iterator[Result]", results)
+        try:
+            yield from cast("Iterator[Result]", results)
+        finally:
+            # joblib would keep the processes for the next call, and end them after five idle minutes: a call that came
+            # then waited for ever.
+            cast("Any", get_reusable_executor)(reuse=True).shutdown(wait=True, kill_workers=True)
 
 
 def _while_parent_lives(parent: int, function: Callable[[Item], Result], item: Item) -> Result:
