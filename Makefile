@@ -32,7 +32,7 @@ test: $(INSTALLED_FOR_TEST) ## lint, check types and run the tests
 	ruff check .
 	ruff format --check .
 	pyright
-	pytest -n auto --dist loadfile tests
+	pytest -n auto --dist loadfile --no-loadscope-reorder tests
 
 lint: $(INSTALLED_FOR_TEST) ## lint and check types only
 	ruff check .
