@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tests.benchmarks.timing import Effort, compare, numbered, readable, show_title, timed
+from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, readable, show_title, timed
 from tests.benchmarks.walks import Walk, random_walks
 from visualrhp.environments.task import ObservationFunction
 from visualrhp.heuristics.checkpoint import load_heuristic
@@ -51,10 +52,20 @@ class _RecordingHeuristic(LearnedHeuristic):
 
 
 class _Decision:
-    """A decision, the same every time, and its parts: each a list of calls that a planner cannot do without."""
+    """A decision, the same every time, and its parts: each a list of calls that a planner cannot do without.
+
+    Args:
+        heuristic: of the planner.
+        walk: from which the scene is.
+        state: to decide in.
+        space: of the actions.
+        size: n and h.
+        shared: whether what discrete roll-outs have in common is simulated, drawn and asked once, as the planner does;
+            otherwise once for every roll-out, as Algorithm 1 is written. Continuous roll-outs have nothing in common.
+    """
 
     def __init__(
-        self, heuristic: LearnedHeuristic, walk: Walk, state: State, space: ActionSpaceName, size: int
+        self, heuristic: LearnedHeuristic, walk: Walk, state: State, space: ActionSpaceName, size: int, shared: bool
     ) -> None:
         self.model = TransitionModel(walk.scene, make_action_space(space))
         self.planner = RecedingHorizon(heuristic, size, size)
@@ -66,9 +77,14 @@ class _Decision:
         model = _RecordingModel(walk.scene, make_action_space(space))
         recorder = _RecordingHeuristic(heuristic.network, heuristic.temperature)
         model.calls, recorder.calls = [], []
-        RecedingHorizon(recorder, size, size).plan(model, state, np.random.default_rng(0))
-        self.actions = model.calls
-        self.batches = recorder.calls
+        rollouts = RecedingHorizon(recorder, size, size).plan(model, state, np.random.default_rng(0)).rollouts
+        if shared:
+            self.actions = model.calls
+            self.batches = [list(dict.fromkeys(states)) for states in recorder.calls]
+        else:
+            steps = itertools.zip_longest(*[zip(rollout.states, rollout.actions, strict=False) for rollout in rollouts])
+            self.actions = [call for step in steps for call in step if call is not None]
+            self.batches = recorder.calls
         self.seen = [np.stack([self.observe(walk.scene, s) for s in states]) for states in self.batches]
         self.closed = [np.array([s.gripper_closed for s in states]) for states in self.batches]
 
@@ -116,32 +132,32 @@ def run(effort: Effort) -> None:
 def _show_decision(effort: Effort, heuristic: LearnedHeuristic, num_objects: int, size: int) -> None:
     walks = random_walks(num_objects, 2 * _DECISIONS, heuristic.action_space)
     pairs = [(walk, state) for walk in walks for state in walk.states[:-1]][::2][:_DECISIONS]
-    decisions = [_Decision(heuristic, walk, state, heuristic.action_space, size) for walk, state in pairs]
+    space = heuristic.action_space
+    for shared in (True, False) if space == "discrete" else (True,):
+        decisions = [_Decision(heuristic, walk, state, space, size, shared) for walk, state in pairs]
 
-    def each(part: Callable[[_Decision], None]) -> Callable[[], None]:
-        def run_all() -> None:
-            for decision in decisions:
-                part(decision)
+        def each(part: Callable[[_Decision], None], decisions: list[_Decision] = decisions) -> Stopwatch:
+            def run_all() -> None:
+                for decision in decisions:
+                    part(decision)
 
-        return run_all
+            stopwatch = timed(run_all)
+            return lambda: stopwatch() / len(decisions)
 
-    def least(part: Callable[[_Decision], None]) -> str:
-        stopwatch = timed(each(part))
-        return readable(min(stopwatch() for _ in range(effort.repetitions)) / len(decisions))
+        def least(part: Stopwatch) -> str:
+            return readable(min(part() for _ in range(effort.repetitions)))
 
-    simulated = sum(len(decision.actions) for decision in decisions) / len(decisions)
-    parts = f"{simulated:.1f} actions {least(_Decision.simulate)}, observations {least(_Decision.draw)}"
-    compare(
-        f"decision {size}x{size}, {numbered(num_objects, 'object')}",
-        _mean_of(timed(each(_Decision.decide)), len(decisions)),
-        _mean_of(timed(each(_Decision.parts)), len(decisions)),
-        f"its parts: {parts}, network {least(_Decision.ask)}",
-        effort.repetitions,
-    )
-
-
-def _mean_of(stopwatch: Callable[[], float], count: int) -> Callable[[], float]:
-    return lambda: stopwatch() / count
+        simulated = sum(len(decision.actions) for decision in decisions) / len(decisions)
+        looked_at = sum(len(states) for decision in decisions for states in decision.batches) / len(decisions)
+        compare(
+            f"decision {size}x{size}, {numbered(num_objects, 'object')}",
+            each(_Decision.decide),
+            each(_Decision.parts),
+            f"{'its parts' if shared else 'Algorithm 1 as written'}: "
+            f"{simulated:.1f} actions {least(each(_Decision.simulate))}, "
+            f"{looked_at:.1f} observations {least(each(_Decision.draw))}, network {least(each(_Decision.ask))}",
+            effort.repetitions,
+        )
 
 
 def _show_deadlines(effort: Effort) -> None:

@@ -52,6 +52,30 @@ def test_guidance_in_the_continuous_action_space_is_a_gaussian() -> None:
     assert heuristic.action_space == "continuous"
 
 
+@pytest.mark.parametrize("action_space", ["discrete", "continuous"])
+def test_states_that_are_asked_about_twice_are_looked_at_once(
+    action_space: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = tasks(2)
+    heuristic = LearnedHeuristic(make_network(action_space, IMAGE))
+    pairs = [
+        (one.scene, one.state),
+        (other.scene, other.state),
+        (other.scene, one.state),
+    ]  # a scene's target is its own
+    separate = [heuristic.guide([scene], [state]) for scene, state in pairs]
+    looks = []
+    call = ObservationFunction.__call__
+    monkeypatch.setattr(ObservationFunction, "__call__", lambda *args: looks.append(args) or call(*args))
+    order = [0, 1, 0, 2, 1, 0]
+    together = heuristic.guide(*zip(*[pairs[k] for k in order], strict=True))
+    assert len(looks) == len(pairs)
+    assert len({values.tobytes() for values in together.values}) == len(pairs)
+    for row, k in enumerate(order):
+        assert together.values[row] == separate[k].values[0]
+        assert np.array_equal(together.mode()[row], separate[k].mode()[0])
+
+
 @pytest.mark.parametrize(
     "change",
     [

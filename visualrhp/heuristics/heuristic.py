@@ -7,6 +7,7 @@ beyond the horizon (Sec. 5.2).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -81,12 +82,11 @@ class SoftmaxGuidance(Guidance):
         return weights / weights.sum(axis=1, keepdims=True)
 
     @cached_property
-    def _cumulative(self) -> FloatArray:
-        return np.cumsum(self.probabilities, axis=1)
+    def _cumulative(self) -> list[list[float]]:
+        return np.cumsum(self.probabilities, axis=1).tolist()
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        draws = np.array([rng.random() for rng in rngs]) * self._cumulative[:, -1]
-        return (self._cumulative <= draws[:, None]).sum(axis=1).tolist()
+        return [bisect_right(row, rng.random() * row[-1]) for row, rng in zip(self._cumulative, rngs, strict=True)]
 
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]

@@ -46,6 +46,8 @@ class LearnedHeuristic(Heuristic):
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
         """Look at B states, each in its scene, in one call of the network.
 
+        States that are asked about several times, as discrete roll-outs that begin alike do, are looked at once.
+
         Raises:
             CheckpointError: a Cartesian network meets a scene of another density than its own (Sec. 7.5).
         """
@@ -57,11 +59,17 @@ class LearnedHeuristic(Heuristic):
                         f"this Cartesian network reads scenes of {observe.num_objects} objects and cannot guide in "
                         f"one of {scene.num_objects}; every density needs its own (Sec. 7.5)"
                     )
+        rows: dict[tuple[int, State], int] = {}
+        row_of = [rows.setdefault((id(scene), state), len(rows)) for scene, state in zip(scenes, states, strict=True)]
+        different = scenes, states
+        if len(rows) < len(states):
+            firsts = [row_of.index(row) for row in range(len(rows))]
+            different = [scenes[k] for k in firsts], [states[k] for k in firsts]
         started = time.perf_counter()
-        observations = np.array([observe(scene, state) for scene, state in zip(scenes, states, strict=True)])
+        observations = np.array([observe(scene, state) for scene, state in zip(*different, strict=True)])
         observation_s = time.perf_counter() - started
-        closed = np.array([state.gripper_closed for state in states])
-        outputs = [output.astype(np.float64) for output in self._present_network()(observations, closed)]
+        closed = np.array([state.gripper_closed for state in different[1]])
+        outputs = [output[row_of].astype(np.float64) for output in self._present_network()(observations, closed)]
         if len(outputs) == 1:
             return SoftmaxGuidance(outputs[0], self.temperature, observation_s)
         means, stds, values = outputs

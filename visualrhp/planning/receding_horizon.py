@@ -266,7 +266,7 @@ class _GrowingRollout:
                 return
             if key is not None:
                 self.known[key] = transition
-        if not (math.isfinite(transition.reward) and np.isfinite(transition.next_state.vector).all()):
+        if not math.isfinite(transition.reward + sum(transition.next_state.vector.tolist())):
             self.is_diverged = True
             return
         self.transitions.append(transition)
