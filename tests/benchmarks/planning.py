@@ -112,7 +112,7 @@ class _Decision:
             for state in states:
                 self.observe(self.model.scene, state)
             self.network(observations, closed)
-            for action, _ in zip(actions, range(len(self.actions) // max(1, len(self.batches) - 1)), strict=False):
+            for action in itertools.islice(actions, len(self.actions) // max(1, len(self.batches) - 1)):
                 self.model.simulate(*action)
         for action in actions:
             self.model.simulate(*action)
