@@ -13,6 +13,7 @@ SECTIONS = (
     "simulation",
     "environment",
     "batched",
+    "inference",
     "planning",
     "rrt",
     "rrt_beside_ompl",

@@ -26,6 +26,13 @@ def test_cheap_sections_print_their_rows() -> None:
     assert answer.stdout.count("peak memory of") == 2
 
 
+def test_networks_are_compared_with_what_is_installed() -> None:
+    answer = _run("--quick", "inference")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.count("of PyTorch, eager") == 12
+    assert ("of ONNX Runtime" in answer.stdout) != ("ONNX Runtime is not installed" in answer.stdout)
+
+
 def test_steps_of_an_environment_are_counted() -> None:
     """Those of ours, by the file that steps the peers' environments too."""
     wanted = {"module": "visualrhp", "id": "visualrhp/ClutterManipulation-v0", "arguments": {}, "draws": False}

@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
-from torch import nn
-from torch.nn import functional
 
-from visualrhp.heuristics.label_convolution import LabelConvolution, label_colours
-from visualrhp.rendering.label_image import IMAGE_SIZE, Label, label_image
+from tests.heuristics.plain_convolution import PlainLabelConvolution
+from visualrhp.heuristics.label_convolution import LabelConvolution
+from visualrhp.rendering.label_image import IMAGE_SIZE, label_image
 from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
-
-
-def plain(labels: torch.Tensor, convolution: nn.Conv2d) -> torch.Tensor:
-    """The definition: CoordConv on the coloured image with a border of edge pixels, and max pooling 4 x 4."""
-    padded = functional.pad(labels, (1, 1, 1, 1), value=int(Label.EDGE)).long()
-    colours = label_colours().to(convolution.weight.dtype)[padded].permute(0, 3, 1, 2)
-    step = 2.0 / (IMAGE_SIZE - 1)
-    axis = torch.linspace(-1.0 - step, 1.0 + step, IMAGE_SIZE + 2, dtype=convolution.weight.dtype)
-    coordinates = torch.stack(torch.meshgrid(axis, axis, indexing="ij")).expand(len(labels), -1, -1, -1)
-    return functional.max_pool2d(convolution(torch.cat([colours, coordinates], dim=1)), 4)
 
 
 def blobs(generator: torch.Generator) -> torch.Tensor:
@@ -44,7 +33,7 @@ def test_values_and_gradients_are_those_of_the_plain_convolution(kind: str) -> N
     labels = {"blobs": blobs(generator), "images": real_images(), "uniform": uniform}[kind]
     upstream = torch.randn(len(labels), 8, 16, 16, generator=generator, dtype=torch.float64)
     gradients = []
-    outputs = [layer(labels), plain(labels, layer.convolution)]
+    outputs = [layer(labels), PlainLabelConvolution(layer)(labels)]
     for output in outputs:
         layer.zero_grad()
         output.backward(upstream)
