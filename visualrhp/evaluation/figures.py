@@ -64,8 +64,10 @@ _STYLES = {
     "CraftedHeuristicRHP 8x4": MethodStyle("#009e73", "^"),
     "Greedy": MethodStyle("#d55e00", "v"),
     "K.RRT": MethodStyle("#6f6f6f", "X"),
+    "K.RRT closed loop": MethodStyle("#cc79a7", "P"),
+    "dhRRT": MethodStyle("#000000", "d"),
 }
-_FURTHER_STYLES = [MethodStyle("#cc79a7", marker) for marker in ("P", "h", "*", "p", "<", ">")]
+_FURTHER_STYLES = [MethodStyle("#a65628", marker) for marker in ("h", "*", "p", "<", ">", "H")]
 _NOISE_COLOURS = {"none": "#0b2545", "low": "#2a6f97", "medium": "#c8792b", "high": "#a4161a"}
 _NOISE_LINES = {"none": "-", "low": "--", "medium": "-.", "high": ":"}
 
