@@ -4,7 +4,8 @@ After Ren, Kavraki and Hang, "Rearrangement-Based Manipulation via Kinodynamic P
 IROS 2022 (arXiv:2208.02312): planning and execution are interleaved, and how far a plan looks ahead follows from the
 progress that it makes by a heuristic of the task, so that most of the way is planned from states that were observed.
 
-Written from the abstract of that paper, not from its text or code: **what this baseline achieves is not dhRRT's result.**
+Written from the abstract of that paper, not from its text or code: **what this baseline achieves is not a result of
+theirs.**
 """
 
 from __future__ import annotations
