@@ -3,7 +3,8 @@
 Runs one planner on one task, sampled (the same as in an evaluation with the same seed, scene and index) or from a file.
 The artefact is two files in one folder, named by planner, task and noise:
 
-- ``*.webm``: the video; before each action it shows the roll-outs that the planner compared;
+- ``*.webm``: the video; before each action it shows the roll-outs that the planner compared, or what is left
+  of the plan that it follows;
 - ``*.json``: the card: configuration, commit, outcome, and every decision with its roll-outs, returns and time.
 
 Where there is a screen, the episode is also shown in a window while it happens. Not a DVC stage: nothing depends on it.
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.app import app, command_line_overrides, override_keys
-from pipelines.config import LearnedHeuristicConfig, PlayConfig, RecedingHorizonConfig
+from pipelines.config import GreedyConfig, LearnedHeuristicConfig, PlayConfig
 from pipelines.window import Window, has_screen
 
 if TYPE_CHECKING:
@@ -265,7 +266,7 @@ def picture_options(config: PlayConfig, believed_scene: Scene) -> dict[str, Any]
         "size_px": video.size_px,
         "frames_per_action": max(1, round(video.fps * video.action_s)),
         "imagined_frames": max(1, round(video.fps * video.imagined_s)),
-        "show_imagined": video.imagined_s > 0.0 and isinstance(config.planner, RecedingHorizonConfig),
+        "show_imagined": video.imagined_s > 0.0 and not isinstance(config.planner, GreedyConfig),
         "show_observation": video.observation == "panel",
         "show_inset": video.observation == "inset",
         "believed_scene": believed_scene,

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT, replay
+from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
 from visualrhp.simulation.task import MAX_EPISODE_ACTIONS
-from visualrhp.types import Action, State
+from visualrhp.types import State
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +47,18 @@ class ClosedLoopKRRT(Planner):
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
         """Return a policy for one episode; its first call is taken to be in the episode's initial state."""
-        plan: list[Action] = []  # what is still to be done
-        foreseen: list[State] = []  # the state that each action of the plan is to be taken in
+        plan = Plan()
         num_decisions = 0
 
         def policy(state: State) -> Decision:
-            nonlocal plan, foreseen, num_decisions
-            if not plan or state != foreseen[0]:
-                found = replay(model, state, plan)[0] if self.keep_plan else None
+            nonlocal plan, num_decisions
+            if not plan.foresees(state):
+                found = replay(model, state, plan.actions)[0] if self.keep_plan else None
                 if found is None:
                     found = self.rrt.search(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions).episode
                 if found is not None:
-                    plan, foreseen = list(found.actions), list(found.states[:-1])
-            if not plan:
-                return Decision(action=None)
+                    plan = Plan(found)
             num_decisions += 1
-            action, plan, foreseen = plan[0], plan[1:], foreseen[1:]
-            return Decision(action=action)
+            return plan.follow()
 
         return policy

@@ -17,10 +17,11 @@ import numpy as np
 
 from visualrhp.errors import ConfigError
 from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT, TreeSearch
+from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.task import MAX_EPISODE_ACTIONS
-from visualrhp.types import Action, State
+from visualrhp.types import Episode, State
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +58,22 @@ class DHRRT(Planner):
         return "dhRRT"
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
-        motion: list[Action] = []  # what is still to be done of it, the next action last
+        motion = Plan()
         num_decisions = 0
 
         def policy(state: State) -> Decision:
             nonlocal motion, num_decisions
-            if not motion:
-                motion = self.plan_motion(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions)[::-1]
+            if not motion.actions:
+                motion = Plan(self.plan_motion(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions))
             num_decisions += 1
-            return Decision(action=motion.pop() if motion else None)
+            return motion.follow()
 
         return policy
 
     def plan_motion(
         self, model: PlanningModel, state: State, rng: np.random.Generator, max_actions: int = MAX_EPISODE_ACTIONS
-    ) -> list[Action]:
-        """The next motion: up to ``max_actions`` actions; none in a goal state, or where the search found nothing."""
+    ) -> Episode | None:
+        """The next motion: up to ``max_actions`` actions; None where the search found nothing better than ``state``."""
         search = TreeSearch(self.rrt, model, state, rng, max_actions)
         best, least = 0, distance_to_target(model.scene, state)
         wanted = least - self.progress
@@ -82,8 +83,8 @@ class DHRRT(Planner):
                 if distance < least:
                     best, least = node, distance
         if search.plan is not None:
-            return list(search.plan.actions)
-        return [transition.action for transition in search.path(best)]
+            return search.plan
+        return Episode.from_transitions(search.path(best)) if best else None
 
 
 def distance_to_target(scene: Scene, state: State) -> float:

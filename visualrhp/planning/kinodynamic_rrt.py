@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from visualrhp.errors import ConfigError, SimulationError
+from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
@@ -119,14 +120,13 @@ class KinodynamicRRT(Planner):
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
         """Plan at the first call, then replay the plan whatever happens; without a plan, or after its end, give up."""
-        remaining: list[Action] | None = None
+        plan: Plan | None = None
 
         def policy(state: State) -> Decision:
-            nonlocal remaining
-            if remaining is None:
-                episode = self.search(model, state, rng).episode
-                remaining = list(reversed(episode.actions)) if episode else []
-            return Decision(action=remaining.pop() if remaining else None)
+            nonlocal plan
+            if plan is None:
+                plan = Plan(self.search(model, state, rng).episode)
+            return plan.follow()
 
         return policy
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace
+from visualrhp.simulation.task import DISCOUNT
 from visualrhp.types import Action, State, Transition
 
 
@@ -41,7 +43,7 @@ class PlanningModel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """One simulated look ahead of receding horizon planning (Alg. 1).
+    """One simulated look ahead: of receding horizon planning (Alg. 1), or what is left of a plan that is followed.
 
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 
@@ -51,6 +53,7 @@ class Rollout:
         states: the states passed through, the current state first: as many as rewards, plus one.
         rewards: one per simulated action.
         value_estimate: v of the last state, or 0 if that is terminal and nothing is left to earn; NaN if it diverged.
+            Planners without an estimate say 0.
         total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
     """
 
@@ -59,6 +62,22 @@ class Rollout:
     rewards: tuple[float, ...]
     value_estimate: float
     total_return: float
+
+    @classmethod
+    def of(
+        cls,
+        actions: Sequence[Action],
+        states: Sequence[State],
+        rewards: Sequence[float],
+        value_estimate: float = 0.0,
+        discount: float = DISCOUNT,
+    ) -> Rollout:
+        """A roll-out with its return; one whose ``value_estimate`` is not finite has diverged."""
+        total_return = sum(discount**k * reward for k, reward in enumerate(rewards))
+        total_return += discount ** len(rewards) * value_estimate
+        if not math.isfinite(value_estimate):
+            total_return, value_estimate = -math.inf, math.nan
+        return cls(tuple(actions), tuple(states), tuple(rewards), value_estimate, total_return)
 
     @property
     def is_diverged(self) -> bool:
@@ -89,7 +108,7 @@ class Decision:
 
     Attributes:
         action: the action to execute now, or None if the planner gives up: the task then counts as not completed.
-        rollouts: the roll-outs that were compared, for planners that have them.
+        rollouts: the roll-outs that were compared, or the plan that is followed; empty for planners without.
         num_invalid: how many of them diverged.
         timing: how long it took, for planners that say so. Decisions that differ in nothing else are equal.
     """

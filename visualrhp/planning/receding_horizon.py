@@ -279,13 +279,7 @@ class _GrowingRollout:
         """Return the finished roll-out with its return (Eq. 3)."""
         if self.is_open:  # a deadline may have come after the last action and before its value
             del self.actions[self.num_valued :], self.transitions[self.num_valued :]
-        rewards = tuple(transition.reward for transition in self.transitions)
-        value_estimate = 0.0 if self.is_terminal else self.value_estimate
-        if self.is_diverged or not math.isfinite(value_estimate):
-            total_return, value_estimate = -math.inf, math.nan
-        else:
-            total_return = sum(discount**k * reward for k, reward in enumerate(rewards))
-            if not self.is_terminal:
-                total_return += discount ** len(rewards) * value_estimate
-        states = (self.state, *(transition.next_state for transition in self.transitions))
-        return Rollout(tuple(self.actions), states, rewards, value_estimate, total_return)
+        states = [self.state, *(transition.next_state for transition in self.transitions)]
+        rewards = [transition.reward for transition in self.transitions]
+        value_estimate = math.nan if self.is_diverged else 0.0 if self.is_terminal else self.value_estimate
+        return Rollout.of(self.actions, states, rewards, value_estimate, discount)

@@ -319,6 +319,10 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
         return right
     low, high = value_range(paths)
     lowest, highest = number(low, high - low), number(high, high - low)
+    if len(paths) == 1:  # there is nothing to compare: the plan of a planner that follows one
+        left = right - text_width(highest, text_px, 600)
+        text(bar, highest, left, baseline, INK, text_px, 600)
+        return left
     length = max(16, min(round(0.26 * width), 8 * height))
 
     def too_wide() -> bool:
