@@ -367,7 +367,7 @@ def _summaries(scene: Scene, paths: Sequence[ImaginedPath], decision_s: float | 
     )
     return [
         *(", ".join([words, *remarks]) for words in timed),
-        *[f"{', '.join([count, *remarks])}: returns"] * (diverged < len(paths)),
+        *[f"{', '.join([count, *remarks])}: return{'s' if len(paths) > 1 else ''}"] * (diverged < len(paths)),
         ", ".join([count, *remarks]),
         ", ".join([short, *remarks]),
         ", ".join(remarks) or short,
