@@ -1,7 +1,8 @@
 """The network of a decision, a few states at a time: ours, in NumPy, against PyTorch and ONNX Runtime.
 
-What is compiled has the plain first layer: convolutions of coloured images are what compilers know. All are asked about
-the same states, give the same answers, and have one thread.
+The others have the plain first layer: convolutions of coloured images are what compilers know, and soonest done for one
+image. Eager PyTorch is also shown with the layer that is made for training. All are asked about the same states, give
+the same answers, and have one thread.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ def _show(effort: Effort, space: ActionSpaceName, representation: str) -> None:
     network = make_network(space, function).requires_grad_(False).eval()
     walk = random_walks(7, 6, space)[0]
     states = walk.states[: max(_BATCHES)]
+    assert len(states) == max(_BATCHES)
     observations = np.stack([function(walk.scene, state) for state in states])
     closed = np.array([state.gripper_closed for state in states])
     fast = FastNetwork(network)
@@ -75,8 +77,10 @@ def _cold(answer: _Answer, asked: tuple[np.ndarray, np.ndarray]) -> Stopwatch:
 
 
 def _answers(effort: Effort, network: _Network, observations: np.ndarray, closed: np.ndarray) -> dict[str, _Answer]:
-    answers = {"PyTorch, eager": _torch_answer(network)}
     plain = _plain(network)
+    answers = {"PyTorch, eager": _torch_answer(plain)}
+    if network.observation.name == "image":
+        answers["PyTorch, eager, first layer of training"] = _torch_answer(network)
     if effort.repetitions > 1:  # compiling takes a minute
         if shutil.which("c++"):
             answers["PyTorch, compiled"] = _torch_answer(torch.compile(plain, dynamic=False))
@@ -114,6 +118,7 @@ def _onnx_answer(network: nn.Module, observations: np.ndarray, closed: np.ndarra
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     sessions = {}
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    names = []
     for batch in _BATCHES:
         file = io.BytesIO()
         arguments = torch.from_numpy(observations[:batch]), torch.from_numpy(closed[:batch])
@@ -121,10 +126,6 @@ def _onnx_answer(network: nn.Module, observations: np.ndarray, closed: np.ndarra
             warnings.simplefilter("ignore")  # the exporter's, of its own old names
             torch.onnx.export(network, arguments, file, verbose=False)
         sessions[batch] = onnxruntime.InferenceSession(file.getvalue(), options, providers=["CPUExecutionProvider"])
+        names = [entry.name for entry in sessions[batch].get_inputs()]
 
-    def answer(*asked: np.ndarray) -> tuple[np.ndarray, ...]:
-        session = sessions[len(asked[0])]
-        names = [entry.name for entry in session.get_inputs()]
-        return tuple(session.run(None, dict(zip(names, asked, strict=True))))
-
-    return answer
+    return lambda *asked: tuple(sessions[len(asked[0])].run(None, dict(zip(names, asked, strict=True))))

@@ -68,7 +68,7 @@ class _Decision:
 
     Args:
         heuristic: of the planner.
-        walk: from which the scene is.
+        walk: whose scene it is.
         state: to decide in.
         space: of the actions.
         size: n and h.

@@ -29,7 +29,7 @@ def test_cheap_sections_print_their_rows() -> None:
 def test_networks_are_compared_with_what_is_installed() -> None:
     answer = _run("--quick", "inference")
     assert answer.returncode == 0, answer.stderr
-    assert answer.stdout.count("of PyTorch, eager") == 12
+    assert answer.stdout.count("of PyTorch, eager") == 18
     assert ("of ONNX Runtime" in answer.stdout) != ("ONNX Runtime is not installed" in answer.stdout)
 
 

@@ -40,6 +40,11 @@ def test_cold_softmax_draws_the_mode() -> None:
     )
 
 
+def test_what_is_drawn_from_values_that_are_no_numbers_is_still_an_action() -> None:
+    (action,) = SoftmaxGuidance(np.full((1, 8), np.nan), 1.0).sample([np.random.default_rng(0)])
+    assert action in range(8)
+
+
 def test_a_draw_depends_on_its_own_generator_alone() -> None:
     q = np.random.default_rng(0).uniform(-20.0, 0.0, (4, 8))
     means, stds = np.zeros((4, 4)), np.ones((4, 4))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.planning.conftest import LEFT, RIGHT, at
+from tests.planning.conftest import RIGHT, at
 from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision
 from visualrhp.types import Episode
@@ -40,4 +40,3 @@ def test_it_foresees_the_state_of_its_next_action_alone() -> None:
 def test_no_plan_gives_up_and_foresees_nothing(episode: Episode | None) -> None:
     plan = Plan(episode)
     assert plan.follow() == Decision(action=None) and not plan.foresees(at(0)) and list(plan.actions) == []
-    assert LEFT not in plan.actions

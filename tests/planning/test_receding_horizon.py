@@ -12,7 +12,7 @@ import pytest
 
 from visualrhp.environments.task import ObservationFunction
 from visualrhp.errors import ConfigError
-from visualrhp.heuristics.heuristic import Guidance, Heuristic
+from visualrhp.heuristics.heuristic import Guidance, Heuristic, SoftmaxGuidance
 from visualrhp.heuristics.learned import LearnedHeuristic
 from visualrhp.heuristics.networks import ActorCritic
 from visualrhp.planning import Decision, Greedy, RecedingHorizon
@@ -115,6 +115,19 @@ def test_if_all_rollouts_diverge_the_mode_of_the_heuristic_decides(line_world: C
     assert decision.action == STAY
     assert [rollout.actions for rollout in decision.rollouts] == [(BREAK,), (RIGHT, BREAK)]
     assert all(len(rollout.states) == len(rollout.rewards) + 1 for rollout in decision.rollouts)
+
+
+def test_a_network_whose_values_are_no_numbers_decides_nothing(line_world: Callable[..., Any]) -> None:
+    class Broken(Heuristic):
+        action_space = "discrete"
+
+        def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
+            return SoftmaxGuidance(np.full((len(states), 8), np.nan), 1.0)
+
+    world = line_world(goal=9)
+    decision = rhp(Broken(), n=3, h=2).plan(world, start(4), np.random.default_rng(0))
+    assert decision.num_invalid == 3 and decision.action == 0  # the first of equals
+    assert all(rollout.is_diverged for rollout in decision.rollouts)
 
 
 def test_the_first_of_equal_returns_wins(line_world: Callable[..., Any]) -> None:

@@ -157,6 +157,21 @@ def test_the_legend_fits_and_marks_the_chosen_return(height, width):
     assert columns[0].max() > columns[1].min()
 
 
+@pytest.mark.parametrize(("height", "width"), [(24, 64), (24, 120), (40, 480)])
+def test_the_legend_of_a_plan_has_its_length_and_return_and_no_scale(height, width):
+    steps = [(-0.1, -0.1), (-0.05, -0.1), (0.0, -0.1)]
+
+    def bar_of(num_actions, value):
+        return legend_bar(SCENE, [path(value, *steps[:num_actions], is_chosen=True)], height, width, 1e-5)
+
+    bar = bar_of(3, -23.4)[height // 8 :].astype(int)
+    inked = (bar.sum(axis=2) < 700).any(axis=0)
+    assert inked[width // 2 :].any() and not inked[:3].any() and not inked[-3:].any()
+    assert np.ptp(bar, axis=2).max() < 40, "grey: there is no colour scale"
+    assert (bar_of(3, -23.4) != bar_of(3, -11.0)).any(), "the return is written"
+    assert (bar_of(3, -23.4) != bar_of(1, -23.4)).any(), "the number of actions is written"
+
+
 def test_the_legend_of_nothing_is_empty_and_of_failures_only_has_no_scale():
     empty = legend_bar(SCENE, [], 40, 480)
     assert (empty[4:] == empty[-1, -1]).all()

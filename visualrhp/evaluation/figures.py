@@ -1,8 +1,9 @@
 """The figures of the paper (Fig. 5 to 10) from tables of results, in one style.
 
-Every method has its own colour and marker everywhere (the colour-blind safe set of Okabe and Ito), with the continuous
-action space left, the discrete one right; bars and bands are 90% confidence intervals. Figures are plain matplotlib
-``Figure`` objects, made without pyplot's global state; :func:`to_svg` prepares one for a page, :func:`save` writes it.
+Every method has its own colour and marker everywhere (the colour-blind safe set of Okabe and Ito, and greys), with the
+continuous action space left, the discrete one right; bars and bands are 90% confidence intervals. Figures are plain
+matplotlib ``Figure`` objects, made without pyplot's global state; :func:`to_svg` prepares one for a page, :func:`save`
+writes it.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ _STYLES = {
     "K.RRT closed loop": MethodStyle("#cc79a7", "P"),
     "dhRRT": MethodStyle("#000000", "d"),
 }
-_FURTHER_STYLES = [MethodStyle("#a65628", marker) for marker in ("h", "*", "p", "<", ">", "H")]
+_FURTHER_STYLES = [MethodStyle("#9a9a9a", marker) for marker in ("h", "*", "p", "<", ">", "H")]
 _NOISE_COLOURS = {"none": "#0b2545", "low": "#2a6f97", "medium": "#c8792b", "high": "#a4161a"}
 _NOISE_LINES = {"none": "-", "low": "--", "medium": "-.", "high": ":"}
 

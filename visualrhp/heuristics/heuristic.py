@@ -86,7 +86,11 @@ class SoftmaxGuidance(Guidance):
         return np.cumsum(self.probabilities, axis=1).tolist()
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        return [bisect_right(row, rng.random() * row[-1]) for row, rng in zip(self._cumulative, rngs, strict=True)]
+        last = self.q_values.shape[1] - 1  # of values that are not finite, whose comparisons are all false
+        return [
+            min(bisect_right(row, rng.random() * row[-1]), last)
+            for row, rng in zip(self._cumulative, rngs, strict=True)
+        ]
 
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]

@@ -73,7 +73,7 @@ class DHRRT(Planner):
     def plan_motion(
         self, model: PlanningModel, state: State, rng: np.random.Generator, max_actions: int = MAX_EPISODE_ACTIONS
     ) -> Episode | None:
-        """The next motion: up to ``max_actions`` actions; None where the search found nothing better than ``state``."""
+        """The next motion: up to ``max_actions`` actions, none in a goal state; None if no better state was found."""
         search = TreeSearch(self.rrt, model, state, rng, max_actions)
         best, least = 0, distance_to_target(model.scene, state)
         wanted = least - self.progress

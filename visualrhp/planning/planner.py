@@ -48,9 +48,10 @@ class Rollout:
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 
     Attributes:
-        actions: up to h actions, fewer when the roll-out reached a terminal state or diverged, or when a deadline cut
-            it short; the one on which the physics diverged is the last, and has no reward.
-        states: the states passed through, the current state first: as many as rewards, plus one.
+        actions: of a roll-out up to h, fewer when it reached a terminal state or diverged, or when a deadline cut it
+            short; the one on which the physics diverged is the last, and has no reward. Of a plan, what is left of it.
+        states: the states passed through: as many as rewards, plus one. A roll-out begins in the current state, the
+            rest of a plan in the state that was foreseen.
         rewards: one per simulated action.
         value_estimate: v of the last state, or 0 if that is terminal and nothing is left to earn; NaN if it diverged.
             Planners without an estimate say 0.
@@ -108,7 +109,7 @@ class Decision:
 
     Attributes:
         action: the action to execute now, or None if the planner gives up: the task then counts as not completed.
-        rollouts: the roll-outs that were compared, or the plan that is followed; empty for planners without.
+        rollouts: the roll-outs that were compared, or the plan that is followed; empty for planners that have neither.
         num_invalid: how many of them diverged.
         timing: how long it took, for planners that say so. Decisions that differ in nothing else are equal.
     """

@@ -86,7 +86,7 @@ def render_frame(
             below it, and the observation a panel to its right.
         trail: earlier states, oldest first; the paths of the gripper and of the desired object are drawn through them
             and fade with age.
-        imagined: roll-outs of a planner in ``state``, drawn with their returns over the picture, with a legend below;
+        imagined: a planner's roll-outs or its plan, drawn with their returns over the picture, with a legend below;
             an empty sequence gives an empty bar, None leaves the bar out.
         caption: words for the bar; none leaves the bar out.
         show_observation: whether to add the abstract label image (Sec. 5.1), enlarged pixel by pixel, as a panel.
@@ -217,8 +217,8 @@ def episode_frames(
         title: of the caption; none leaves the caption out.
         outcome: shown in the caption from the last state on.
         max_steps: the action limit, for the caption.
-        imagined: for each of the first states, up to all of them, the roll-outs that the planner compared there; they
-            are shown before the motion. None leaves the bar of their legend out.
+        imagined: for each of the first states, up to all of them, the roll-outs that the planner compared there, or its
+            plan; they are shown before the motion. None leaves the bar of their legend out.
         decision_s: how long the planner took in each of these states [s], for the legend.
         size_px: see :func:`render_frame`.
         frames_per_action: see :class:`EpisodeRenderer`.

@@ -40,7 +40,8 @@ class ImaginedPath:
     """One roll-out of a planner, as something to look at.
 
     Attributes:
-        states: the states passed through, the current state first; at least one.
+        states: the states passed through; at least one. The first is the current state, or what a plan that is being
+            followed took it to be.
         value: its return (Eq. 3); minus infinity if the physics diverged.
         is_chosen: whether its first action is the one that the planner takes.
     """
@@ -291,7 +292,8 @@ def legend_bar(
 ) -> Frame:
     """A bar to go below a frame: how many roll-outs there are, how long they took, which return has which colour.
 
-    Every return has a tick below the scale, the chosen one a triangle above it.
+    Every return has a tick below the scale, the chosen one a triangle above it. Of a single roll-out, or a plan, there
+    are the number of actions and the return: there is nothing to compare it with, and a plan was made earlier.
 
     Returns:
         [height, width, 3] uint8 RGB.
@@ -313,13 +315,13 @@ def legend_bar(
 
 
 def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline: int, text_px: int) -> int:
-    """Draw "low [colours] high" so that it ends at column ``right``; returns the column where it begins."""
+    """Draw "low [colours] high", or the only return, to end at column ``right``; returns the column where it begins."""
     height, width = bar.shape[:2]
     if all(path.is_diverged for path in paths):
         return right
     low, high = value_range(paths)
     lowest, highest = number(low, high - low), number(high, high - low)
-    if len(paths) == 1:  # there is nothing to compare: the plan of a planner that follows one
+    if len(paths) == 1:
         left = right - text_width(highest, text_px, 600)
         text(bar, highest, left, baseline, INK, text_px, 600)
         return left
@@ -359,15 +361,19 @@ def _summaries(scene: Scene, paths: Sequence[ImaginedPath], decision_s: float | 
     """What there is to see in words, the longest first."""
     diverged = sum(path.is_diverged for path in paths)
     dropping = sum(task.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
-    count = f"{len(paths)} imagined roll-out{'s' if len(paths) > 1 else ''}"
     remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
+    if len(paths) == 1:
+        ahead = len(paths[0].states) - 1
+        actions = f"{ahead} action{'s' if ahead != 1 else ''}"
+        return [*(", ".join([count, *remarks]) for count in (f"{actions} ahead", actions)), f"{ahead}"]
+    count = f"{len(paths)} imagined roll-outs"
     short = count.replace("imagined ", "")
     timed = (
         [] if decision_s is None else [f"{count} in {1e3 * decision_s:.3g} ms", f"{short} in {1e3 * decision_s:.3g} ms"]
     )
     return [
         *(", ".join([words, *remarks]) for words in timed),
-        *[f"{', '.join([count, *remarks])}: return{'s' if len(paths) > 1 else ''}"] * (diverged < len(paths)),
+        *[f"{', '.join([count, *remarks])}: returns"] * (diverged < len(paths)),
         ", ".join([count, *remarks]),
         ", ".join([short, *remarks]),
         ", ".join(remarks) or short,
