@@ -207,16 +207,18 @@ def test_configuration_and_library_have_the_same_names_and_defaults() -> None:
 def test_every_value_of_a_scale_is_used() -> None:
     text = "\n".join(path.read_text() for path in CONFIG_FOLDER.rglob("*.yaml") if path.parent.name != "scale")
     used = {
-        match.replace("${action_space.name}", "*")
+        re.sub(r"\$\{[\w.]+\}", "*", match)  # one of the choices
         for match in re.findall(r"\$\{scale\.((?:[\w.]|\$\{[\w.]+\})+)\}", text)
     }
+    choices = ({"discrete", "continuous"}, {"image", "cartesian"})
 
     def leaves(content: Any, prefix: str = "") -> Iterator[str]:
         for key, value in content.items():
-            if isinstance(value, dict) and set(value) != {"discrete", "continuous"}:
-                yield from leaves(value, f"{prefix}{key}.")
+            name = prefix + ("*" if set(content) in choices else key)
+            if isinstance(value, dict):
+                yield from leaves(value, f"{name}.")
             else:
-                yield f"{prefix}{key}" + (".*" if isinstance(value, dict) else "")
+                yield name
 
     contents = [
         set(leaves(yaml.safe_load((CONFIG_FOLDER / "scale" / f"{scale}.yaml").read_text()))) for scale in SCALES
