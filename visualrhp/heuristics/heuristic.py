@@ -86,7 +86,8 @@ class SoftmaxGuidance(Guidance):
         return np.cumsum(self.probabilities, axis=1).tolist()
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        last = self.q_values.shape[1] - 1  # of values that are not finite, whose comparisons are all false
+        # With a value that is not a number no comparison holds, and the search ends beyond the last action.
+        last = self.q_values.shape[1] - 1
         return [
             min(bisect_right(row, rng.random() * row[-1]), last)
             for row, rng in zip(self._cumulative, rngs, strict=True)
