@@ -138,7 +138,7 @@ def test_pairs_are_states_with_their_actions() -> None:
 
 
 def test_label_images_are_kept_packed() -> None:
-    """A tenth of the bytes or less, so that a million pairs train in little memory."""
+    """Less than a fifth of the bytes, so that a million pairs train in little memory."""
     data = data_of("discrete", IMAGE, count=20)
     assert data.observations.nbytes < 0.2 * len(data) * 64 * 64
 

@@ -345,5 +345,5 @@ def test_a_deadline_is_kept_with_a_real_clock_world_and_network() -> None:
         assert decision.timing.observation_s > 0.0
         late.append(decision.timing.total_s - 0.02 - max(durations))
         counts.append(len(decision.rollouts))
-    assert np.median(late) <= 0.005  # caches that others empty make a call longer than the longest one before
-    assert max(counts) >= 3
+    assert np.median(late) <= 0.0
+    assert np.median(counts) >= 3
