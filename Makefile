@@ -5,12 +5,12 @@ PEERS := $(VENV)/peers
 PORT ?= 5000
 
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
-# Nothing of the project tells anybody that it is used.
+# No tool of the project sends usage statistics.
 export DVC_NO_ANALYTICS := true
 export MLFLOW_DISABLE_TELEMETRY := true
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# A stamp is written when an installation is complete; an unfinished one is gone on with by the next make.
+# A stamp is written when an installation is complete; the next make resumes an unfinished one.
 INSTALLED := $(VENV)/.installed
 INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
 
@@ -20,9 +20,9 @@ INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-18s %s\n", $$1, $$2 }'
 
-venv: $(VENV)/.created ## make the virtual environment
+venv: $(VENV)/.created ## create the virtual environment
 
-install: $(INSTALLED) ## install the pinned versions into it
+install: $(INSTALLED) ## install the pinned versions into the virtual environment
 
 repro: $(INSTALLED) ## run the whole pipeline: demonstrations, learning, evaluation, report
 	@$(DVC_WITH_OR_WITHOUT_GIT)
@@ -43,17 +43,17 @@ format: $(INSTALLED_FOR_TEST) ## format the code
 	ruff format .
 	ruff check --fix .
 
-ui: $(INSTALLED) ## look at the runs in MLflow, on http://127.0.0.1:5000 (PORT=...)
+ui: $(INSTALLED) ## show the runs in MLflow, on http://127.0.0.1:5000 (PORT=...)
 	@echo "The runs: http://127.0.0.1:$(PORT)/#/experiments/1/runs?workflowType=machine_learning"
 	mlflow ui --backend-store-uri "sqlite:///$(CURDIR)/outputs/mlflow.db" --host 127.0.0.1 --port $(PORT)
 
-bench: $(INSTALLED_FOR_TEST) ## measure speed
+bench: $(INSTALLED_FOR_TEST) ## run the benchmarks
 	python -m tests.benchmarks
 
-bench-peers: $(INSTALLED_FOR_TEST) $(PEERS)/gym-pusht/.installed $(PEERS)/kinder/.installed ## measure speed beside gym-pusht and KinDER
+bench-peers: $(INSTALLED_FOR_TEST) $(PEERS)/gym-pusht/.installed $(PEERS)/kinder/.installed ## compare the speed with gym-pusht and KinDER
 	python -m tests.benchmarks peers
 
-clean: ## delete the virtual environment and caches; outputs stay
+clean: ## delete the virtual environment and caches, but not outputs
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis *.egg-info
 
 $(VENV)/.created:
@@ -71,13 +71,13 @@ $(INSTALLED_FOR_TEST): $(VENV)/.created pyproject.toml constraints.txt
 	python -m pip install --quiet --constraint constraints.txt --editable ".[test]"
 	@touch $(INSTALLED) $@
 
-# Other environments pin other versions of pymunk than ours and of each other's.
+# The compared environments pin different versions of pymunk.
 $(PEERS)/%/.installed: tests/benchmarks/peers/%.txt | $(VENV)/.created
 	python -m venv --clear $(@D)
 	$(@D)/bin/python -m pip install --quiet --no-deps --requirement $<
 	@touch $@
 
-# DVC wants to be told when the project is not a git checkout (an unpacked archive).
+# DVC must be told when the project is not a git checkout (an unpacked archive).
 define DVC_WITH_OR_WITHOUT_GIT
 if [ -e .git ]; then \
   ! grep -qs no_scm .dvc/config.local || dvc config --quiet --local --unset core.no_scm; \

@@ -1,8 +1,8 @@
-"""Demonstrations for other people's learners, as Parquet or Minari: ``python -m pipelines.export_demos``.
+"""Export demonstrations as Parquet or Minari: ``python -m pipelines.export_demos``.
 
-``format=parquet`` writes ``transitions.parquet``, ``scenes.parquet`` and the card of the set; ``format=minari`` a data
-set of ``visualrhp/ClutterManipulation-v0``, which Minari finds with ``MINARI_DATASETS_PATH=<the artefact>``. The
-columns are in :mod:`visualrhp.learning.exports`.
+``format=parquet`` writes ``transitions.parquet``, ``scenes.parquet`` and the card of the set (columns:
+:mod:`visualrhp.demonstrations.parquet`); ``format=minari`` writes a data set of ``visualrhp/ClutterManipulation-v0``,
+which Minari finds with ``MINARI_DATASETS_PATH=<the artefact>``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from pipelines.app import app
 from pipelines.config import ExportDemosConfig
+from pipelines.workflow.app import app
 
 STAGE = "export_demos"
 
@@ -26,12 +26,14 @@ def export(config: ExportDemosConfig) -> Path:
     """Write the artefact; return its folder.
 
     Raises:
-        ConfigError: Minari is not installed, or the name of the data set is none.
-        DataError: the set is missing or damaged, of the other action space, or has nothing of that density.
+        ConfigError: Minari is not installed, or the name of the data set is not valid.
+        DataError: the set is missing or damaged, has the other action space, or has no demonstration with that number
+            of objects.
     """
-    from pipelines.work import publish
-    from visualrhp.learning.demonstrations import DemonstrationSet
-    from visualrhp.learning.exports import export_minari, export_parquet
+    from pipelines.workflow.artefacts import publish
+    from visualrhp.demonstrations.dataset import DemonstrationSet
+    from visualrhp.demonstrations.minari import export_minari
+    from visualrhp.demonstrations.parquet import export_parquet
 
     demonstrations = DemonstrationSet.open(config.demonstrations, config.action_space.name)
     target = Path(config.paths.artefact).absolute()
@@ -42,7 +44,8 @@ def export(config: ExportDemosConfig) -> Path:
             count = export_parquet(demonstrations, folder, config.num_objects)
             shutil.copyfile(Path(config.demonstrations) / "card.json", folder / "card.json")
         else:
-            count = export_minari(demonstrations, folder, config.dataset_id, config.observation, config.num_objects)
+            observation = config.observation.name
+            count = export_minari(demonstrations, folder, config.dataset_id, observation, config.num_objects)
         publish(folder, target)
     print(f"{count} demonstrations as {config.format} in {config.paths.artefact}")
     return target

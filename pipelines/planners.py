@@ -1,70 +1,50 @@
-"""From a planner's configuration to the planner, with the trained networks that it needs."""
+"""Construction of planners from their configuration, with the trained networks that they need."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from pipelines.config import (
-    ClosedLoopKRRTConfig,
-    CraftedHeuristicConfig,
-    DHRRTConfig,
-    GreedyConfig,
-    KinodynamicRRTConfig,
-    LearnedHeuristicConfig,
-    PlannerConfig,
-    RecedingHorizonConfig,
-)
+from pipelines.config import CraftedHeuristicConfig, GreedyConfig, LearnedHeuristicConfig, RecedingHorizonConfig
+from pipelines.networks import network_path
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.heuristics.heuristic import Heuristic
-from visualrhp.planning import DHRRT, ClosedLoopKRRT, Greedy, KinodynamicRRT, Planner, RecedingHorizon
+from visualrhp.planning import Greedy, Planner, RecedingHorizon
+from visualrhp.planning.receding_horizon import RecedingHorizonParameters
 from visualrhp.types import ActionSpaceName
 
+AnyPlannerConfig = RecedingHorizonConfig | GreedyConfig | Planner
+"""A member of :data:`pipelines.config.PlannerConfig`; those of the RRT family are planners themselves."""
 
-def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int) -> Planner:
-    """The planner for scenes of ``num_objects`` objects; networks come from the folder ``heuristics``.
+
+def build_planner(
+    config: AnyPlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
+) -> Planner:
+    """Build the planner for scenes with ``num_objects`` objects; networks are loaded from the folder ``heuristics``.
 
     Raises:
-        CheckpointError: a network is missing, damaged or made for something else.
-        ConfigError: a parameter is out of range.
+        CheckpointError: a network is missing or damaged, or has another action space or observation.
     """
-    match config:
-        case RecedingHorizonConfig():
-            heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
-            return RecedingHorizon(
-                heuristic, config.num_rollouts, config.horizon, config.discount, config.name, config.deadline_s
-            )
-        case GreedyConfig():
-            return Greedy(_build_heuristic(config.heuristic, action_space, heuristics, num_objects))
-        case KinodynamicRRTConfig():
-            return _build_rrt(config)
-        case ClosedLoopKRRTConfig():
-            return ClosedLoopKRRT(_build_rrt(config.rrt), config.keep_plan)
-        case DHRRTConfig():
-            return DHRRT(_build_rrt(config.rrt), config.progress)
+    if isinstance(config, Planner):
+        return config
+    heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
+    if isinstance(config, GreedyConfig):
+        return Greedy(heuristic, config.name)
+    return RecedingHorizon(heuristic, **_parameters(config, RecedingHorizonParameters))
 
 
 def needed_network(
-    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
+    config: AnyPlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
 ) -> Path | None:
-    """File of the network that a planner needs for scenes of ``num_objects`` objects; None if it needs none.
+    """Path of the network that a planner needs for scenes with ``num_objects`` objects; None if it needs none.
 
-    An image network serves every density, a Cartesian one its own (Sec. 7.5).
+    An image network is for any number of objects, a Cartesian one for a fixed number (Sec. 7.5).
     """
-    if isinstance(config, KinodynamicRRTConfig | ClosedLoopKRRTConfig | DHRRTConfig):
+    if isinstance(config, Planner) or not isinstance(config.heuristic, LearnedHeuristicConfig):
         return None
-    if isinstance(config.heuristic, CraftedHeuristicConfig):
-        return None
-    representation = config.heuristic.representation
-    stem = "heuristic" if representation == "image" else f"heuristic_m{num_objects}"
-    return Path(heuristics) / action_space / representation / f"{stem}.safetensors"
-
-
-def _build_rrt(config: KinodynamicRRTConfig) -> KinodynamicRRT:
-    parameters = asdict(config)
-    del parameters["algorithm"], parameters["name"]
-    return KinodynamicRRT(**parameters)
+    return network_path(heuristics, action_space, config.heuristic.observation, num_objects)
 
 
 def _build_heuristic(
@@ -74,18 +54,20 @@ def _build_heuristic(
     num_objects: int,
 ) -> Heuristic:
     if isinstance(config, CraftedHeuristicConfig):
-        weights = asdict(config)
-        del weights["kind"]
-        return CraftedHeuristic(action_space, CostToGo(**weights))
-    stem = "heuristic" if config.representation == "image" else f"heuristic_m{num_objects}"
-    path = Path(heuristics) / action_space / config.representation / f"{stem}.safetensors"
-    return _load(path, _version(path), action_space, config.temperature)
+        return CraftedHeuristic(action_space, CostToGo(**_parameters(config, CostToGo)))
+    path = network_path(heuristics, action_space, config.observation, num_objects)
+    return load_once(path, _version(path), action_space, config.temperature)
+
+
+def _parameters(config: object, schema: type) -> dict[str, Any]:
+    """The fields of ``schema`` in its extension ``config``."""
+    return {entry.name: getattr(config, entry.name) for entry in fields(schema)}  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=32)
-def _load(path: Path, version: tuple[int, int], action_space: ActionSpaceName, temperature: float) -> Heuristic:
-    """Load a network once in a process; ``version`` changes when the file does."""
-    from visualrhp.heuristics.checkpoint import load_heuristic  # imported late: the other planners do without torch
+def load_once(path: Path, version: tuple[int, int], action_space: ActionSpaceName, temperature: float) -> Heuristic:
+    """Load a network once per process; ``version`` changes with the file."""
+    from visualrhp.heuristics.checkpoint import load_heuristic
 
     return load_heuristic(path, expect_action_space=action_space, temperature=temperature)
 

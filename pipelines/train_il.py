@@ -1,29 +1,24 @@
-"""Learn a heuristic by imitating the demonstrations (Sec. 6.2): ``python -m pipelines.train_il``.
+"""Learn a heuristic by imitating demonstrations (Sec. 6.2): ``python -m pipelines.train_il``.
 
-The image representation has one network; the Cartesian one has a network for each number of objects, trained in
-parallel on the demonstrations of that density and tracked as child runs.
+One image network is trained for all numbers of objects; Cartesian networks, one per number of objects, are trained in
+parallel on the demonstrations with that number, and tracked as child runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.app import app
-from pipelines.config import QImitationConfig as QImitationSettings
 from pipelines.config import TrainILConfig
-from pipelines.training import Part, Training, demonstrations_of, greedy_validation, observation_function
+from pipelines.training import Part, Training, demonstrations_of, greedy_evaluation, observation_of
+from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from torch import nn
-
-    from visualrhp.learning.demonstrations import DemonstrationSet
-    from visualrhp.learning.imitation import ImitationLearner, Metrics
+    from visualrhp.demonstrations.dataset import DemonstrationSet
+    from visualrhp.learning.imitation import ImitationLearner
+    from visualrhp.types import Metrics
 
 STAGE = "train_il"
 
@@ -43,59 +38,45 @@ _CURVES = (
 
 @app(STAGE, TrainILConfig)
 def main(config: TrainILConfig) -> None:
-    from pipelines.tracking import open_run
-    from pipelines.work import discard, publish, work_folder
+    from pipelines.workflow.artefacts import discard, publish, work_folder
+    from pipelines.workflow.tracking import open_run
 
     inputs = {"demonstrations": str(_open_demonstrations(config).card["content_hash"])}
     work = work_folder(config, STAGE, inputs)
-    with open_run(config, STAGE, f"IL {config.action_space.name} {config.representation.name}", work) as run:
+    with open_run(config, STAGE, f"IL {config.action_space.name} {config.observation.name}", work) as run:
         folder = TRAINING.run(config, config.learner.epochs, work, run)
         publish(folder, config.paths.artefact)
     discard(work)
 
 
 def make_learner(config: TrainILConfig, part: Part) -> ImitationLearner:
-    """The training of one network, ready to run or to be resumed.
+    """Make the training of one network, ready to run or to be resumed.
 
     Raises:
-        ConfigError: a parameter is out of range.
-        DataError: the demonstrations are missing, damaged, of the other action space, or none has the part's density.
+        DataError: the demonstrations are missing or damaged, have the other action space, or none has the number of
+            objects of the part.
     """
     import torch
 
-    from visualrhp.heuristics.learned import LearnedHeuristic
     from visualrhp.heuristics.networks import make_network
-    from visualrhp.learning.imitation import (
-        ActorCriticImitationConfig,
-        ImitationData,
-        ImitationLearner,
-        QImitationConfig,
-    )
+    from visualrhp.learning.imitation import ImitationLearner
+    from visualrhp.learning.imitation_data import ImitationData
+    from visualrhp.streams import TrainingStream
 
-    observe = observation_function(config, part)
+    observe = observation_of(config, part)
     demonstrations = islice(demonstrations_of(_open_demonstrations(config), part), config.max_demonstrations)
     data = ImitationData.from_demonstrations(demonstrations, observe, config.learner.discount)
-    parameters = asdict(config.learner)
-    del parameters["algorithm"]
-    kind = QImitationConfig if isinstance(config.learner, QImitationSettings) else ActorCriticImitationConfig
-    torch.manual_seed(config.seed)  # of the initial weights; the learner has a generator of its own
+    torch.manual_seed(TrainingStream.INITIAL_WEIGHTS.seed(config.seed))
     network = make_network(config.action_space.name, observe).to(config.device)
-    validate = greedy_validation(config, part)
-
-    def evaluate(candidate: nn.Module) -> Mapping[str, float]:
-        assert validate is not None
-        return validate(LearnedHeuristic(candidate))  # pyright: ignore[reportArgumentType]
-
-    return ImitationLearner(
-        network, data, kind(**parameters), config.seed, evaluate if validate else None, config.validation.every
-    )
+    evaluate = greedy_evaluation(config, part)
+    return ImitationLearner(network, data, config.learner, config.seed, evaluate, config.validation.every)
 
 
 def train_part(config: TrainILConfig, part: Part, folder: Path) -> Iterator[Metrics]:
-    """Train one network in ``folder``, going on from what is there; yields a row of metrics an epoch."""
-    from pipelines.work import card
+    """Train one network in ``folder``, or resume its training; yield one row of metrics per epoch."""
+    from pipelines.workflow.artefacts import card
     from visualrhp.files import write_json
-    from visualrhp.heuristics.checkpoint import save_heuristic
+    from visualrhp.heuristics.conversion import save_heuristic
 
     learner = make_learner(config, part)
     state = folder / _STATE
@@ -113,11 +94,11 @@ def train_part(config: TrainILConfig, part: Part, folder: Path) -> Iterator[Metr
 
 
 def summary(history: list[Metrics]) -> dict[str, Any]:
-    """What the training came to; times are left out."""
+    """The metrics of the last epoch by group, without times."""
     last = history[-1]
-    words = {"train/": "train", "validation/": "validation", "greedy/": "greedy"}
     metrics: dict[str, Any] = {"epochs": int(last["epoch"])}
-    for prefix, group in words.items():
+    for group in ("train", "validation", "greedy"):
+        prefix = f"{group}/"
         rows = {name.removeprefix(prefix): value for name, value in last.items() if name.startswith(prefix)}
         if rows:
             metrics[group] = {name: value for name, value in rows.items() if not name.endswith("_time_s")}
@@ -125,14 +106,14 @@ def summary(history: list[Metrics]) -> dict[str, Any]:
 
 
 def _open_demonstrations(config: TrainILConfig) -> DemonstrationSet:
+    from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.errors import DataError
-    from visualrhp.learning.demonstrations import DemonstrationSet
 
     demonstrations = DemonstrationSet.open(config.demonstrations, config.action_space.name)
     if config.max_demonstrations is not None and config.max_demonstrations > len(demonstrations):
         raise DataError(
             f"max_demonstrations={config.max_demonstrations}, but {config.demonstrations} has {len(demonstrations)}; "
-            "generate more of them, or say null to use all."
+            "generate more of them, or set it to null to use all."
         )
     return demonstrations
 

@@ -1,34 +1,33 @@
-"""What the trainings of networks have in common (``train_il``, ``train_rl``): one network, or one for each density.
+"""Common code of ``train_il`` and ``train_rl``: training of one network, or of one per number of objects.
 
-The image representation has one network for all numbers of objects, trained in this process; the Cartesian one has a
-network for each, trained in parallel and tracked as child runs (Sec. 7.5).
+An image network is for all numbers of objects and is trained in this process; Cartesian networks, one per number of
+objects, are trained in parallel and tracked as child runs (Sec. 7.5).
 """
 
 from __future__ import annotations
 
 import functools
+import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pipelines.config import TrainILConfig, TrainRLConfig
-from pipelines.tracking import Run
+from pipelines.networks import network_suffix
+from pipelines.workflow.tracking import Run, flatten
+from visualrhp.observation import Observation, observation_class, observation_for
+from visualrhp.scene import SceneDistribution
+from visualrhp.types import Metrics
 
 if TYPE_CHECKING:
-    from visualrhp.environments.task import ObservationFunction
-    from visualrhp.learning.demonstrations import DemonstrationSet
-    from visualrhp.learning.validation import GreedyValidation
-    from visualrhp.scene import SceneDistribution
-
-Config = TypeVar("Config", TrainILConfig, TrainRLConfig)
-Metrics = dict[str, float]
+    from visualrhp.demonstrations.dataset import DemonstrationSet
 
 NUM_THREADS = 1
-"""Threads of torch in a training: the order of its sums, and with it the last bits of a result, depends on them."""
+"""Number of threads of torch in a training; it determines the order of sums, and thus the last bits of a result."""
 
-_VIDEO_FPS, _FRAMES_PER_ACTION = 9.0, 3
-"""Drawing takes time: these are for a glance, the report has the good ones."""
+AnyConfig = TrainILConfig | TrainRLConfig
 
 
 @dataclass(frozen=True)
@@ -37,56 +36,56 @@ class Part:
 
     Attributes:
         name: ``image``, or ``m=4``.
-        suffix: of its files: nothing, or ``_m4``.
-        num_objects: densities of its scenes.
+        num_objects: smallest and largest number of objects of its scenes.
+        suffix: of its files: empty, or ``_m4``.
     """
 
     name: str
-    suffix: str
     num_objects: tuple[int, int]
+    suffix: str = ""
 
     def folder(self, work: Path) -> Path:
-        """The part's own folder in the work folder."""
+        """The folder of the part in the work folder."""
         folder = work / self.name.replace("=", "")
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
 
-def parts_of(config: TrainILConfig | TrainRLConfig) -> list[Part]:
-    """The networks to train: one for images, one for each density for Cartesian poses."""
-    fewest, most = config.scene.num_objects  # type: ignore[misc]  # a pair by now
-    if config.representation.name == "image":
-        return [Part("image", "", (fewest, most))]
-    return [Part(f"m={m}", f"_m{m}", (m, m)) for m in config.representation.num_objects]
+def parts_of(config: AnyConfig) -> list[Part]:
+    """The networks to train."""
+    if not observation_class(config.observation.name).fixes_num_objects:
+        return [Part(config.observation.name, config.scene.num_objects)]
+    return [Part(f"m={m}", (m, m), network_suffix(m)) for m in config.observation.num_objects]
 
 
-def scene_distribution(config: TrainILConfig | TrainRLConfig, part: Part) -> SceneDistribution:
-    """Where the task instances of ``part`` come from."""
-    from visualrhp.scene import SceneDistribution
-
-    return SceneDistribution(**asdict(replace(config.scene, num_objects=part.num_objects)))
+def distribution_of(config: AnyConfig, part: Part) -> SceneDistribution:
+    """The distribution of the task instances of ``part``."""
+    return replace(config.scene, num_objects=part.num_objects)
 
 
-def observation_function(config: TrainILConfig | TrainRLConfig, part: Part) -> ObservationFunction:
-    """What the network of ``part`` reads."""
-    from visualrhp.environments.task import ObservationFunction
-
-    return ObservationFunction.for_distribution(config.representation.name, scene_distribution(config, part))
+def observation_of(config: AnyConfig, part: Part) -> Observation:
+    """The observation that the network of ``part`` reads."""
+    return observation_for(config.observation.name, distribution_of(config, part))
 
 
-def greedy_validation(config: TrainILConfig | TrainRLConfig, part: Part) -> GreedyValidation | None:
-    """The greedy evaluation between iterations, if the configuration wants one."""
-    from visualrhp.learning.validation import GreedyValidation
-    from visualrhp.simulation import Physics
+def demonstrations_of(demonstrations: DemonstrationSet, part: Part) -> Iterator[Any]:
+    """(task instance, demonstration) pairs with the numbers of objects of ``part``."""
+    fewest, most = part.num_objects
+    for task, episode in demonstrations:
+        if fewest <= task.scene.num_objects <= most:
+            yield task, episode
 
+
+def greedy_evaluation(config: AnyConfig, part: Part) -> Callable[[Any], Metrics] | None:
+    """The greedy evaluation between iterations; None if the configuration disables it."""
     if not config.validation.num_instances:
         return None
-    return GreedyValidation(
-        scene_distribution(config, part),
-        config.validation.num_instances,
-        config.seed,
-        physics=Physics(**asdict(config.physics)),
-    )
+    from visualrhp.heuristics.conversion import heuristic_of
+    from visualrhp.learning.validation import GreedyValidation
+
+    distribution = distribution_of(config, part)
+    validation = GreedyValidation(distribution, config.validation.num_instances, config.seed, physics=config.physics)
+    return lambda network: validation(heuristic_of(network))
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,11 @@ class Training:
 
     Attributes:
         stage: name of the pipeline.
-        label: what the progress bar says.
-        unit: what a row of metrics stands for: ``epoch``, ``iteration``.
-        curves: metrics that are drawn.
-        train_part: trains one network in a folder, going on from what is there; yields a row of metrics a unit and
-            leaves ``heuristic.safetensors``, ``history.json`` and ``metrics.json``, perhaps further networks.
+        label: of the progress bar.
+        unit: of a row of metrics: ``epoch``, ``iteration``.
+        curves: metrics to plot.
+        train_part: trains one network in a folder, or resumes its training; yields one row of metrics per unit and
+            writes ``heuristic.safetensors``, ``history.json`` and ``metrics.json``, and possibly further networks.
     """
 
     stage: str
@@ -108,7 +107,7 @@ class Training:
     curves: Sequence[str]
     train_part: Callable[[Any, Part, Path], Iterator[Metrics]]
 
-    def run(self, config: TrainILConfig | TrainRLConfig, num_rows: int, work: Path, run: Run) -> Path:
+    def run(self, config: AnyConfig, num_rows: int, work: Path, run: Run) -> Path:
         """Train all networks in ``work``, tracked by ``run``; return the folder of the artefact."""
         parts = parts_of(config)
         if len(parts) == 1 and not parts[0].suffix:
@@ -117,31 +116,27 @@ class Training:
             self._train_in_parallel(config, parts, work, run)
         return self._assemble(config, parts, work, run)
 
-    def _train_here(
-        self, config: TrainILConfig | TrainRLConfig, part: Part, num_rows: int, work: Path, run: Run
-    ) -> None:
-        """Every row is tracked when it is there."""
+    def _train_here(self, config: AnyConfig, part: Part, num_rows: int, work: Path, run: Run) -> None:
+        """Train in this process; every row is tracked immediately."""
         import torch
         from tqdm import tqdm
 
         torch.set_num_threads(NUM_THREADS)
-        with tqdm(total=num_rows, desc=self._description(config, part), unit=self.unit) as progress:
+        with tqdm(total=num_rows, desc=self._description(config, part.name), unit=self.unit) as progress:
             for row in self.train_part(config, part, part.folder(work)):
                 self._show(progress, row)
                 run.log_metrics(self._tracked(row), step=int(row[self.unit]))
 
-    def _train_in_parallel(
-        self, config: TrainILConfig | TrainRLConfig, parts: list[Part], work: Path, run: Run
-    ) -> None:
-        """A worker each; tracked by this process when one is done."""
-        import json
-
+    def _train_in_parallel(self, config: AnyConfig, parts: list[Part], work: Path, run: Run) -> None:
+        """Train each network in a worker; this process tracks it when it is finished."""
         from tqdm import tqdm
 
-        from pipelines.execution import run_tasks
+        from pipelines.workflow.executor import run_tasks
 
         task = functools.partial(_train_whole_part, self.train_part, config, work)
-        with tqdm(total=len(parts), desc=self._description(config, None), unit="network") as progress:
+        with tqdm(
+            total=len(parts), desc=self._description(config, config.observation.name), unit="network"
+        ) as progress:
             for part in run_tasks(task, parts, config.executor):
                 with run.child(part.name, {"num_objects": part.num_objects[0]}) as child:
                     for row in json.loads((part.folder(work) / "history.json").read_text(encoding="utf-8")):
@@ -156,17 +151,14 @@ class Training:
     def _tracked(self, row: Metrics) -> Metrics:
         return {name: value for name, value in row.items() if name != self.unit}
 
-    def _description(self, config: TrainILConfig | TrainRLConfig, part: Part | None) -> str:
-        return f"{self.label}, {config.action_space.name} {part.name if part else config.representation.name}"
+    def _description(self, config: AnyConfig, what: str) -> str:
+        return f"{self.label}, {config.action_space.name} {what}"
 
-    def _assemble(self, config: TrainILConfig | TrainRLConfig, parts: list[Part], work: Path, run: Run) -> Path:
-        """The artefact: networks and cards, ``curves.csv``, ``metrics.json``, ``curves.png``, ``greedy.webm``."""
-        import json
-        import shutil
-
+    def _assemble(self, config: AnyConfig, parts: list[Part], work: Path, run: Run) -> Path:
+        """Write the artefact: networks and cards, ``curves.csv``, ``metrics.json``, ``curves.png``, ``greedy.webm``."""
         import pandas as pd
 
-        from visualrhp.evaluation.figures import training_curves
+        from visualrhp.evaluation.training_figures import training_curves
         from visualrhp.files import atomic_path, write_json
 
         folder = work / "artefact"
@@ -187,65 +179,37 @@ class Training:
         with atomic_path(folder / "curves.png") as path:
             training_curves(tables, self.unit, self.curves, self.unit).savefig(path, dpi=120)
         if config.video.num_scenes:
-            _write_video(config, parts[-1], folder)
+            self._write_preview(config, parts[-1], folder)
         for path in sorted(folder.iterdir()):
             run.log_artifact(path)
         run.log_metrics(_means(metrics))
         return folder
 
+    def _write_preview(self, config: AnyConfig, part: Part, folder: Path) -> None:
+        """Write a video of the greedy policy of the last network on the first validation tasks."""
+        from pipelines.previews import write_greedy_video
 
-def _train_whole_part(train_part: Any, config: Any, work: Path, part: Part) -> Part:
-    """A worker's task."""
+        write_greedy_video(
+            folder / "greedy.webm",
+            folder / f"heuristic{part.suffix}.safetensors",
+            distribution_of(config, part),
+            config.action_space.name,
+            config.physics,
+            config.seed,
+            num_scenes=config.video.num_scenes,
+            size_px=config.video.size_px,
+        )
+
+
+def _train_whole_part(train_part: Any, config: AnyConfig, work: Path, part: Part) -> Part:
+    """The task of a worker."""
     for _ in train_part(config, part, part.folder(work)):
         pass
     return part
 
 
-def demonstrations_of(demonstrations: DemonstrationSet, part: Part) -> Iterator[Any]:
-    """(task instance, demonstration) pairs of the densities that ``part`` is for."""
-    fewest, most = part.num_objects
-    for task, episode in demonstrations:
-        if fewest <= task.scene.num_objects <= most:
-            yield task, episode
-
-
-def _means(metrics: dict[str, Any]) -> dict[str, float]:
-    """Means over the networks of what their summaries say: ``{"image": {"best": {"a": 1}}}`` -> ``{"best/a": 1}``."""
-    from pipelines.tracking import flatten
-
+def _means(metrics: dict[str, Any]) -> Metrics:
+    """Means of the networks' summaries: ``{"image": {"best": {"a": 1}}}`` -> ``{"best/a": 1}``."""
     rows = [flatten(part) for part in metrics.values()]
     shared = [key for key in rows[0] if all(isinstance(row.get(key), int | float) for row in rows)]
     return {key.replace(".", "/"): sum(row[key] for row in rows) / len(rows) for key in shared}
-
-
-def _write_video(config: TrainILConfig | TrainRLConfig, part: Part, folder: Path) -> None:
-    """The greedy policy on the first validation tasks."""
-    from visualrhp.evaluation.episodes import run_episode
-    from visualrhp.heuristics.checkpoint import load_heuristic
-    from visualrhp.planning import Greedy
-    from visualrhp.rendering.frames import episode_frames
-    from visualrhp.rendering.video import write_video
-    from visualrhp.scene import Split, generator_for, sample_task_instance
-    from visualrhp.simulation import Physics, TransitionModel, make_action_space
-
-    planner = Greedy(load_heuristic(folder / f"heuristic{part.suffix}.safetensors", config.action_space.name))
-
-    def frames() -> Iterator[Any]:
-        for index in range(config.video.num_scenes):
-            task = sample_task_instance(scene_distribution(config, part), config.seed, Split.VALIDATION, index)
-            physics = Physics(**asdict(config.physics))
-            model = TransitionModel(task.scene, make_action_space(config.action_space.name), physics)
-            rng = generator_for(config.seed, Split.VALIDATION, index, 1)
-            episode = run_episode(planner, model, model, task.state, rng, keep_states=True)
-            yield from episode_frames(
-                task.scene,
-                episode.states,
-                title=f"Greedy, {config.action_space.name}",
-                outcome=episode.outcome,
-                size_px=config.video.size_px,
-                frames_per_action=_FRAMES_PER_ACTION,
-                hold=round(_VIDEO_FPS),
-                show_observation=True,
-            )
-
-    write_video(folder / "greedy.webm", frames(), _VIDEO_FPS)

@@ -15,13 +15,16 @@ PACKAGE = Path(__file__).resolve().parents[1] / "visualrhp"
 
 # A layer may import those above it in this list (and itself); those that share a line may import each other.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("types", "errors", "files"),
+    ("types", "errors", "files", "streams", "parameters"),
     ("scene",),
     ("simulation",),
+    ("observation",),
     ("rendering",),
-    ("environments",),
     ("heuristics",),
     ("planning",),
+    ("execution",),
+    ("environments",),
+    ("demonstrations",),
     ("learning",),
     ("evaluation",),
     ("embodiment",),

@@ -1,14 +1,14 @@
 """The error tree of visualrhp.
 
-Every error that a caller can act on derives from :class:`VisualRHPError`. A message is one paragraph that says
-what was wrong, where (a key, a file, an index), and what would be right.
+Every error that a caller can act on derives from :class:`VisualRHPError`. A message is one paragraph that states
+the problem, its place (a key, a file, an index), and the expected value.
 """
 
 from __future__ import annotations
 
 
 class VisualRHPError(Exception):
-    """Base class of every error raised on purpose by visualrhp."""
+    """Base class of all errors that visualrhp raises deliberately."""
 
 
 class ConfigError(VisualRHPError):
@@ -28,12 +28,12 @@ class SimulationError(VisualRHPError):
 
 
 class LearningError(VisualRHPError):
-    """A training diverged (a loss is not finite)."""
+    """Training diverged (a loss is not finite)."""
 
 
 class DataError(VisualRHPError):
-    """A data file is missing, damaged, or was made for something else."""
+    """A data file is missing or damaged, or does not match its use."""
 
 
 class CheckpointError(VisualRHPError):
-    """A checkpoint is missing, damaged, or of another action space, representation or architecture."""
+    """A checkpoint is missing or damaged, or has another action space, observation or architecture."""

@@ -1,4 +1,4 @@
-"""Frozen values that every layer speaks: states, actions, transitions, episodes.
+"""Immutable values shared by all layers: states, actions, transitions, episodes.
 
 Legend, used in every docstring and shape comment of the package:
 
@@ -21,7 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, overload
+from enum import StrEnum
+from typing import Final, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +39,56 @@ Action = int | FloatArray
 ActionSpaceName = Literal["discrete", "continuous"]
 ObjectSize = Literal["small", "mixed", "large"]
 
-_ROBOT_DIMENSIONS = 5
+Metrics = dict[str, float]
+"""Metrics that a training or an evaluation reports, by name; names are paths, such as ``greedy/success_rate``."""
+
+
+class Column:
+    """Columns of a state vector [5 + 3 m] (see :class:`State`), as indices and slices of its last axis.
+
+    Attributes:
+        GRIPPER_X, GRIPPER_Y: position of the gripper frame [m].
+        GRIPPER_THETA: heading of the gripper [rad].
+        OPENING: distance between the fingers [m].
+        CLOSED: commanded gripper state, 1 closed, 0 open.
+        GRIPPER_POSE: x, y, theta of the gripper, [3].
+        GRIPPER_POSITION: x, y of the gripper, [2].
+        DESIRED_X, DESIRED_Y: position of the desired object [m].
+        DESIRED_POSITION: both, [2].
+        OBJECTS: x, y, theta of every object, [3 m].
+        OBJECTS_X, OBJECTS_Y, OBJECTS_THETA: one coordinate of every object, [m].
+        OBSTACLES_X, OBSTACLES_Y: one coordinate of every object except the desired one, [m - 1].
+    """
+
+    GRIPPER_X: Final = 0
+    GRIPPER_Y: Final = 1
+    GRIPPER_THETA: Final = 2
+    OPENING: Final = 3
+    CLOSED: Final = 4
+    DESIRED_X: Final = 5
+    DESIRED_Y: Final = 6
+    GRIPPER_POSE: Final = slice(0, 3)
+    GRIPPER_POSITION: Final = slice(0, 2)
+    DESIRED_POSITION: Final = slice(5, 7)
+    OBJECTS: Final = slice(5, None)
+    OBJECTS_X: Final = slice(5, None, 3)
+    OBJECTS_Y: Final = slice(6, None, 3)
+    OBJECTS_THETA: Final = slice(7, None, 3)
+    OBSTACLES_X: Final = slice(8, None, 3)
+    OBSTACLES_Y: Final = slice(9, None, 3)
+
+
+_GRIPPER_COLUMNS: Final = 5
+_OBJECT_COLUMNS: Final = 3
+
+
+@overload
+def state_dimension(num_objects: int) -> int: ...
+@overload
+def state_dimension(num_objects: IntArray) -> IntArray: ...
+def state_dimension(num_objects: int | IntArray) -> int | IntArray:
+    """Length 5 + 3 m of the state vector of m objects."""
+    return _GRIPPER_COLUMNS + _OBJECT_COLUMNS * num_objects
 
 
 @overload
@@ -46,16 +96,16 @@ def wrap_angle(angle: float) -> float: ...
 @overload
 def wrap_angle(angle: FloatArray) -> FloatArray: ...
 def wrap_angle(angle: float | FloatArray) -> float | FloatArray:
-    """Wrap ``angle`` [rad] into [-pi, pi); one that is there already stays to the bit."""
+    """Wrap ``angle`` [rad] into [-pi, pi); an angle in that range is unchanged."""
     return angle - 2.0 * np.pi * np.floor((angle + np.pi) / (2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What changes during a task: the pose of the gripper, its opening and the poses of the objects (Sec. 4).
+    """The variable part of a task: pose and opening of the gripper, and poses of the objects (Sec. 4).
 
     A state is at rest (quasi-static assumption, Sec. 4), so it holds no velocities. It is one read-only vector, so that
-    states are copied, compared to the bit and stored without ceremony.
+    states are easy to copy, to compare bit for bit and to store.
 
     Attributes:
         vector: [5 + 3 m] float64, read-only: gripper x [m], y [m], theta [rad], opening between the fingers [m],
@@ -66,50 +116,50 @@ class State:
 
     def __post_init__(self) -> None:
         vector = np.array(self.vector, dtype=np.float64)
-        if vector.ndim != 1 or vector.size < _ROBOT_DIMENSIONS + 3 or (vector.size - _ROBOT_DIMENSIONS) % 3:
+        if vector.ndim != 1 or vector.size < state_dimension(1) or (vector.size - _GRIPPER_COLUMNS) % _OBJECT_COLUMNS:
             raise SceneError(f"a state vector has the shape [5 + 3 m] with m >= 1, not {list(vector.shape)}")
         vector.setflags(write=False)
         object.__setattr__(self, "vector", vector)
 
     @classmethod
     def create(
-        cls, robot_pose: npt.ArrayLike, gripper_opening: float, gripper_closed: bool, object_poses: npt.ArrayLike
+        cls, gripper_pose: npt.ArrayLike, gripper_opening: float, gripper_closed: bool, object_poses: npt.ArrayLike
     ) -> State:
         """Assemble a state from its parts (shapes and units as in the properties).
 
         Raises:
-            SceneError: a number is not finite, or the shapes do not fit.
+            SceneError: a number is not finite, or the shapes do not match.
         """
         gripper = [gripper_opening, float(gripper_closed)]
-        vector = np.concatenate([np.ravel(robot_pose), gripper, np.ravel(object_poses)]).astype(np.float64)
+        vector = np.concatenate([np.ravel(gripper_pose), gripper, np.ravel(object_poses)]).astype(np.float64)
         if not np.isfinite(vector).all():
             raise SceneError(f"a state holds finite numbers only, not {vector.tolist()}")
         return cls(vector)
 
     @property
-    def robot_pose(self) -> FloatArray:
+    def gripper_pose(self) -> FloatArray:
         """[3] x [m], y [m], theta [rad] of the gripper frame in the world frame."""
-        return self.vector[:3]
+        return self.vector[Column.GRIPPER_POSE]
 
     @property
     def gripper_opening(self) -> float:
         """Distance between the inner faces of the fingers [m]."""
-        return float(self.vector[3])
+        return float(self.vector[Column.OPENING])
 
     @property
     def gripper_closed(self) -> bool:
         """Whether the gripper was last commanded to close (the paper's binary gripper state, Sec. 7.2)."""
-        return bool(self.vector[4])
+        return bool(self.vector[Column.CLOSED])
 
     @property
     def object_poses(self) -> FloatArray:
         """[m, 3] x [m], y [m], theta [rad] of the objects, the desired object first."""
-        return self.vector[_ROBOT_DIMENSIONS:].reshape(-1, 3)
+        return self.vector[Column.OBJECTS].reshape(-1, _OBJECT_COLUMNS)
 
     @property
     def num_objects(self) -> int:
         """Number of objects m."""
-        return (self.vector.size - _ROBOT_DIMENSIONS) // 3
+        return (self.vector.size - _GRIPPER_COLUMNS) // _OBJECT_COLUMNS
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, State) and self.vector.tobytes() == other.vector.tobytes()
@@ -120,7 +170,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One step of the decision process: (s, a, r, s') and why it may have ended there (Sec. 4).
+    """One step of the decision process: (s, a, r, s'), and whether s' is terminal (Sec. 4).
 
     Attributes:
         reward: -1 per action, -50 when an object was dropped (Sec. 7).
@@ -141,23 +191,43 @@ class Transition:
         return self.is_goal or self.is_dropped
 
 
+class Outcome(StrEnum):
+    """How an episode ended (Sec. 7.3). An episode in progress has none."""
+
+    SUCCESS = "success"
+    """The desired object reached the target region in under 50 actions and nothing was dropped."""
+    DROPPED = "dropped"
+    """An object's centre left the surface edges."""
+    OUT_OF_ACTIONS = "out of actions"
+    """49 actions without success."""
+    NO_PLAN = "no plan"
+    """The planner gave up before its first action."""
+    PLAN_FAILED = "plan failed"
+    """The planner gave up after its first action: an open-loop plan ended without success."""
+    DIVERGED = "diverged"
+    """The physics of the world failed."""
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether the last state is terminal (Sec. 4), with no return after it; otherwise the episode was truncated."""
+        return self in (Outcome.SUCCESS, Outcome.DROPPED)
+
+
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """A sequence of transitions from an initial state.
+    """A sequence of transitions from an initial state: an executed episode, a plan, a demonstration.
 
     Attributes:
         states: L + 1 states.
         actions: L actions.
         rewards: L rewards.
-        is_goal: whether the last state is a goal state reached within the action limit.
-        is_dropped: whether the last action dropped an object.
+        outcome: how it ended in the last state; None if it has not ended.
     """
 
     states: tuple[State, ...]
     actions: tuple[Action, ...]
     rewards: tuple[float, ...]
-    is_goal: bool
-    is_dropped: bool
+    outcome: Outcome | None
 
     @classmethod
     def from_transitions(cls, transitions: Sequence[Transition]) -> Episode:
@@ -167,9 +237,18 @@ class Episode:
             states=(*(transition.state for transition in transitions), last.next_state),
             actions=tuple(transition.action for transition in transitions),
             rewards=tuple(transition.reward for transition in transitions),
-            is_goal=last.is_goal,
-            is_dropped=last.is_dropped,
+            outcome=Outcome.DROPPED if last.is_dropped else Outcome.SUCCESS if last.is_goal else None,
         )
+
+    @property
+    def is_goal(self) -> bool:
+        """Whether the last state is a goal state, reached within the action limit."""
+        return self.outcome is Outcome.SUCCESS
+
+    @property
+    def is_dropped(self) -> bool:
+        """Whether the last action dropped an object."""
+        return self.outcome is Outcome.DROPPED
 
     def __len__(self) -> int:
         return len(self.actions)

@@ -25,10 +25,10 @@ from torch import nn
 from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show_title, timed
 from tests.benchmarks.walks import random_walks
 from tests.heuristics.plain_convolution import PlainLabelConvolution
-from visualrhp.environments.task import ObservationFunction
 from visualrhp.heuristics.inference import FastNetwork
 from visualrhp.heuristics.label_convolution import LabelConvolution
 from visualrhp.heuristics.networks import ActorCritic, ImageEncoder, QNetwork, make_network
+from visualrhp.observation import make_observation
 from visualrhp.types import ActionSpaceName
 
 _BATCHES = (1, 3, 6)
@@ -42,13 +42,13 @@ _Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, ...]]
 
 def run(effort: Effort) -> None:
     for space in ("continuous", "discrete"):
-        for representation in ("image", "cartesian"):
-            _show(effort, space, representation)
+        for observation in ("image", "cartesian"):
+            _show(effort, space, observation)
 
 
-def _show(effort: Effort, space: ActionSpaceName, representation: str) -> None:
+def _show(effort: Effort, space: ActionSpaceName, observation: str) -> None:
     torch.manual_seed(0)
-    function = ObservationFunction("image") if representation == "image" else ObservationFunction("cartesian", 7)
+    function = make_observation("image") if observation == "image" else make_observation("cartesian", 7)
     network = make_network(space, function).requires_grad_(False).eval()
     walk = random_walks(7, 6, space)[0]
     states = walk.states[: max(_BATCHES)]
@@ -56,7 +56,7 @@ def _show(effort: Effort, space: ActionSpaceName, representation: str) -> None:
     observations = np.stack([function(walk.scene, state) for state in states])
     closed = np.array([state.gripper_closed for state in states])
     fast = FastNetwork(network)
-    show_title(f"Network, {space}, {representation}, 7 objects, one thread, against")
+    show_title(f"Network, {space}, {observation}, 7 objects, one thread, against")
     for name, answer in _answers(effort, network, observations, closed).items():
         for ours, theirs in zip(fast(observations, closed), answer(observations, closed), strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-3)

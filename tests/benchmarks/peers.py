@@ -66,19 +66,19 @@ def _our_facts(contestant: Contestant, count: int = 100) -> dict[str, Any]:
     environment = gymnasium.make(contestant.id, disable_env_checker=True, **contestant.arguments)
     environment.action_space.seed(0)
     environment.reset(seed=0)
-    with mock.patch.object(Simulator, "_step", autospec=True, side_effect=Simulator._step) as step:
+    with mock.patch.object(Simulator, "step", autospec=True, side_effect=Simulator.step) as step:
         for _ in range(count):
             if any(environment.step(environment.action_space.sample())[2:4]):
                 environment.reset()
-    simulator: Simulator = environment.get_wrapper_attr("model")._simulator
-    world = simulator._world
+    simulator: Simulator = environment.get_wrapper_attr("model").simulator
+    world = simulator.world
     return {
         "substeps": sum(call.args[2] for call in step.call_args_list) / count,
         "time_step": simulator.physics.time_step,
         "iterations": simulator.physics.iterations,
         "bodies": len(world.bodies) - 1,  # all but the guide are dynamic
-        "shapes": len(world._shapes),
-        "joints": len(world._joints),
+        "shapes": len(world.shapes),
+        "joints": len(world.joints),
     }
 
 

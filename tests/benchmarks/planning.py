@@ -12,12 +12,12 @@ import torch
 
 from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, readable, show_title, timed
 from tests.benchmarks.walks import Walk, random_walks
-from visualrhp.environments.task import ObservationFunction
 from visualrhp.heuristics.checkpoint import load_heuristic
 from visualrhp.heuristics.heuristic import Guidance
 from visualrhp.heuristics.inference import FastNetwork
 from visualrhp.heuristics.learned import LearnedHeuristic
 from visualrhp.heuristics.networks import make_network
+from visualrhp.observation import make_observation
 from visualrhp.planning import RecedingHorizon
 from visualrhp.scene import Scene
 from visualrhp.simulation import TransitionModel, make_action_space
@@ -80,7 +80,7 @@ class _Decision:
         self, heuristic: LearnedHeuristic, walk: Walk, state: State, space: ActionSpaceName, size: int, shared: bool
     ) -> None:
         self.model = TransitionModel(walk.scene, make_action_space(space))
-        self.planner = RecedingHorizon(heuristic, size, size)
+        self.planner = RecedingHorizon(heuristic, num_rollouts=size, horizon=size)
         self.state = state
         self.rng = np.random.default_rng(0)
         self.start = self.rng.bit_generator.state
@@ -89,7 +89,11 @@ class _Decision:
         model = _RecordingModel(walk.scene, make_action_space(space))
         recorder = _RecordingHeuristic(heuristic.network, heuristic.temperature)
         model.calls, recorder.calls = [], []
-        rollouts = RecedingHorizon(recorder, size, size).plan(model, state, np.random.default_rng(0)).rollouts
+        rollouts = (
+            RecedingHorizon(recorder, num_rollouts=size, horizon=size)
+            .plan(model, state, np.random.default_rng(0))
+            .rollouts
+        )
         if shared:
             self.actions = model.calls
             self.batches = [list(dict.fromkeys(states)) for states in recorder.calls]
@@ -132,10 +136,10 @@ class _Decision:
 
 def run(effort: Effort) -> None:
     for space in ("continuous", "discrete"):
-        for representation in ("image", "cartesian"):
-            show_title(f"Decision, {space}, {representation}, {_origin(space, representation)}, one thread, against")
+        for observation in ("image", "cartesian"):
+            show_title(f"Decision, {space}, {observation}, {_origin(space, observation)}, one thread, against")
             for num_objects in (1, 4, 7):
-                heuristic = _heuristic(space, representation, num_objects)
+                heuristic = _heuristic(space, observation, num_objects)
                 for size in (3, 6):
                     _show_decision(effort, heuristic, num_objects, size)
     _show_deadlines(effort)
@@ -194,22 +198,20 @@ def _show_deadlines(effort: Effort) -> None:
         )
 
 
-def _file(space: ActionSpaceName, representation: str, num_objects: int) -> Path:
-    stem = "heuristic" if representation == "image" else f"heuristic_m{num_objects}"
-    return _TRAINED / space / representation / f"{stem}.safetensors"
+def _file(space: ActionSpaceName, observation: str, num_objects: int) -> Path:
+    stem = "heuristic" if observation == "image" else f"heuristic_m{num_objects}"
+    return _TRAINED / space / observation / f"{stem}.safetensors"
 
 
-def _origin(space: ActionSpaceName, representation: str) -> str:
-    return "trained network" if _file(space, representation, 7).is_file() else "untrained network"
+def _origin(space: ActionSpaceName, observation: str) -> str:
+    return "trained network" if _file(space, observation, 7).is_file() else "untrained network"
 
 
-def _heuristic(space: ActionSpaceName, representation: str, num_objects: int) -> LearnedHeuristic:
+def _heuristic(space: ActionSpaceName, observation: str, num_objects: int) -> LearnedHeuristic:
     """The trained one if there is one; the time of a decision depends on it only in how long roll-outs live."""
-    path = _file(space, representation, num_objects)
+    path = _file(space, observation, num_objects)
     if path.is_file():
         return load_heuristic(path)
     torch.manual_seed(0)
-    observation = (
-        ObservationFunction("image") if representation == "image" else ObservationFunction("cartesian", num_objects)
-    )
+    observation = make_observation("image") if observation == "image" else make_observation("cartesian", num_objects)
     return LearnedHeuristic(make_network(space, observation))

@@ -20,9 +20,10 @@ import numpy as np
 from tests.benchmarks.timing import Effort, readable
 from visualrhp.errors import SimulationError
 from visualrhp.planning import KinodynamicRRT
-from visualrhp.scene import SceneDistribution, Split, TaskInstance, generator_for, sample_task_instance
+from visualrhp.scene import SceneDistribution, TaskInstance, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, TransitionModel, make_action_space
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
+from visualrhp.streams import Split, generator_for
 from visualrhp.types import Action, ActionSpaceName, State, wrap_angle
 
 _SEED, _PLANNING_STREAM = 0, 1
@@ -222,7 +223,7 @@ class OMPLSearch:
     def _state_space(self, base: Any) -> Any:
         scene, planner = self._task.scene, self._planner
         low, high = scene.edges.min(axis=0), scene.edges.max(axis=0)
-        start = self._task.state.robot_pose[:2]
+        start = self._task.state.gripper_pose[:2]
         around = np.minimum(low - _ROOM, start), np.maximum(high + _ROOM, start)
         space = base.CompoundStateSpace()
         space.addSubspace(_plane(base, *around), 1.0)

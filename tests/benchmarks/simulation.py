@@ -11,11 +11,10 @@ import numpy as np
 
 from tests.benchmarks import walks as w
 from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show, show_title, side_by_side, timed
-from visualrhp.rendering import label_image
-from visualrhp.rendering.label_image import IMAGE_SIZE
+from visualrhp.observation.label_image import IMAGE_SIZE, label_image
 from visualrhp.simulation import Physics
+from visualrhp.simulation.chipmunk import lib
 from visualrhp.simulation.simulator import Simulator
-from visualrhp.simulation.world import lib
 from visualrhp.types import State
 
 NUM_OBJECTS = (1, 4, 7)
@@ -23,8 +22,8 @@ NUM_OBJECTS = (1, 4, 7)
 
 def _set_and_get(simulator: Simulator, state: State) -> None:
     """What the exactness adds to the substeps: the world set to a state and read."""
-    space = simulator._begin(state, state.gripper_closed)
-    simulator._read(space, state.gripper_closed)
+    space = simulator.begin(state, state.gripper_closed)
+    simulator.read(space, state.gripper_closed)
     lib.cpSpaceFree(space)
 
 

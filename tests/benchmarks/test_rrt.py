@@ -6,7 +6,8 @@ import pytest
 
 from tests.benchmarks.rrt import OMPLSearch, beside_ompl, reach
 from visualrhp.planning import KinodynamicRRT
-from visualrhp.scene import SceneDistribution, Split, sample_task_instance
+from visualrhp.scene import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
 
 
 def test_reach_prints_a_row_for_each_density(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,15 +6,15 @@ import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from tests.benchmarks.timing import Effort, compare, show_title, timed
-from visualrhp.environments.task import ObservationFunction
 from visualrhp.heuristics.networks import ActorCritic
+from visualrhp.observation import make_observation
 
 _SIDE = 512
 
 
 def run(effort: Effort) -> None:
     show_title("Image network, one thread")
-    network = ActorCritic(ObservationFunction("image", None))
+    network = ActorCritic(make_observation("image", None))
     repetitions = max(1, effort.repetitions // 3)
     size = 500 if effort.repetitions > 1 else 10
     images = torch.randint(0, 6, (size, 64, 64), dtype=torch.uint8)

@@ -10,10 +10,11 @@ from unittest import mock
 
 import numpy as np
 
-from visualrhp.scene import Scene, SceneDistribution, Split, TaskInstance, sample_task_instance
+from visualrhp.scene import Scene, SceneDistribution, TaskInstance, sample_task_instance
 from visualrhp.simulation import GripperMotion, Physics, TransitionModel, make_action_space
+from visualrhp.simulation.chipmunk import Space, lib
 from visualrhp.simulation.simulator import _MORE_ITERATIONS, _PATIENCE, Simulator
-from visualrhp.simulation.world import Space, lib
+from visualrhp.streams import Split
 from visualrhp.types import Action, ActionSpaceName, State
 
 SEED = 0
@@ -54,7 +55,7 @@ class Walk:
 
 def _action(space: ActionSpaceName, state: State, rng: np.random.Generator) -> Action:
     """Roughly towards the nearest object, and on where it is."""
-    x, y, theta = state.robot_pose
+    x, y, theta = state.gripper_pose
     c, s = math.cos(theta), math.sin(theta)
     ahead = (state.object_poses[:, :2] - (x, y)) @ [[c, -s], [s, c]]
     forward, left = ahead[np.argmin(np.linalg.norm(ahead, axis=1))]
@@ -83,7 +84,7 @@ def random_walks(num_objects: int, motions: int, space: ActionSpaceName = "conti
         actions, states, settling = [], [instance.state], []
         while len(actions) < min(_LENGTH, missing):
             actions.append(_action(space, states[-1], rng))
-            with mock.patch.object(Simulator, "_step", autospec=True, side_effect=Simulator._step) as step:
+            with mock.patch.object(Simulator, "step", autospec=True, side_effect=Simulator.step) as step:
                 transition = model.simulate(states[-1], actions[-1])
             settling.append(sum(call.args[2] for call in step.call_args_list) - Physics().motion_steps)
             states.append(transition.next_state)
@@ -102,12 +103,12 @@ def _bare_loop(simulator: Simulator, space: Space, walk: Walk, number: int) -> f
     closed = walk.states[number + 1].gripper_closed
     start = time.process_time()
     lib.cpSpaceSetIterations(space, simulator.physics.iterations)
-    lib.cpSimpleMotorSetRate(simulator._motor, simulator._closing_rate if closed else -simulator._closing_rate)
-    simulator._move(space, walk.states[number], walk.motions[number])
-    simulator._step(space, patient)
+    lib.cpSimpleMotorSetRate(simulator.motor, simulator.closing_rate if closed else -simulator.closing_rate)
+    simulator.move(space, walk.states[number], walk.motions[number])
+    simulator.step(space, patient)
     if settling > patient:
         lib.cpSpaceSetIterations(space, _MORE_ITERATIONS * simulator.physics.iterations)
-        simulator._step(space, settling - patient)
+        simulator.step(space, settling - patient)
     return time.process_time() - start
 
 
@@ -121,7 +122,7 @@ def bare_seconds(walks: list[Walk], of: list[Simulator]) -> float:
     total = 0.0
     for walk, simulator in zip(walks, of, strict=True):
         for number, state in enumerate(walk.states[:-1]):
-            space = simulator._begin(state, state.gripper_closed)
+            space = simulator.begin(state, state.gripper_closed)
             total += _bare_loop(simulator, space, walk, number)
             lib.cpSpaceFree(space)
     return total / count(walks)
@@ -134,7 +135,7 @@ def unrestored_seconds(walks: list[Walk], of: list[Simulator]) -> float:
     """
     total = 0.0
     for walk, simulator in zip(walks, of, strict=True):
-        space = simulator._begin(walk.states[0], walk.states[0].gripper_closed)
+        space = simulator.begin(walk.states[0], walk.states[0].gripper_closed)
         total += sum(_bare_loop(simulator, space, walk, number) for number in range(len(walk.motions)))
         lib.cpSpaceFree(space)
     return total / count(walks)

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import gc
-import os
 import pickle
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -18,36 +12,17 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import check_env_specs
 from torchrl.objectives.value import GAE
 
+from tests.environments.rollouts import FEW, random_policy, run
 from visualrhp.environments import ClutterManipulation
 from visualrhp.environments.batched import BatchedClutterEnv
-from visualrhp.environments.crew import WorkerCrew, available_cores
-from visualrhp.errors import ActionError, CheckpointError, ConfigError, VisualRHPError
-from visualrhp.learning.c3po import C3PO, C3POConfig
+from visualrhp.errors import ActionError, CheckpointError, ConfigError
+from visualrhp.learning.c3po import C3PO
+from visualrhp.learning.configs import C3POConfig
 from visualrhp.learning.dqn import make_q_loss
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
 
-FEW = SceneDistribution(num_objects=(1, 3))
 OPEN = 7
-
-
-def random_policy(seed: int, env: BatchedClutterEnv):
-    generator = torch.Generator().manual_seed(seed)
-
-    def act(td):
-        if env.action_space.name == "discrete":
-            return td.set("action", torch.randint(8, (env.num_envs,), generator=generator))
-        return td.set("action", torch.empty(env.num_envs, 4).uniform_(-1.5, 1.5, generator=generator))
-
-    return act
-
-
-def run(env: BatchedClutterEnv, act, num_steps: int, current: TensorDict | None = None):
-    current = env.reset() if current is None else current
-    steps = []
-    for _ in range(num_steps):
-        step, current = env.step_and_maybe_reset(act(current))
-        steps.append(step)
-    return torch.stack(steps, 1), current
 
 
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
@@ -185,107 +160,6 @@ def test_a_pickled_environment_goes_on_to_the_bit():
     assert (expected == found).all()
 
 
-# Worker processes
-
-
-@pytest.mark.parametrize(("action_space", "observation"), [("continuous", "image"), ("discrete", "cartesian")])
-def test_results_do_not_depend_on_the_number_of_workers(action_space, observation):
-    distribution = FEW if observation == "image" else SceneDistribution(num_objects=(2, 2))
-    alone, crowd = (
-        BatchedClutterEnv(distribution, action_space, observation, num_envs=5, seed=3, num_workers=workers)
-        for workers in (0, 2)
-    )
-    begun = [env.reset() for env in (alone, crowd)]
-    assert [model.scene for model in crowd.models] == alone.scenes
-    expected, current = run(alone, random_policy(0, alone), 55, begun[0])
-    found, _ = run(crowd, random_policy(0, crowd), 55, begun[1])
-    assert expected["next", "done"].any() and (expected == found).all()
-    assert (alone.instances, alone.num_actions) == (crowd.instances, crowd.num_actions)
-    assert alone.states == crowd.states and alone.scenes == crowd.scenes
-    action = random_policy(0, alone)(current)["action"][4]
-    action = action.item() if action_space == "discrete" else action.double().numpy()
-    assert [model.scene for model in crowd.models] == alone.scenes  # other ones than at first
-    ours, theirs = (env.models[4].simulate(env.states[4], action) for env in (alone, crowd))
-    assert ours.next_state == theirs.next_state
-    crowd.close()
-    snapshot = alone.snapshot()
-    expected, _ = run(alone, random_policy(1, alone), 5, current)
-    found, _ = run(crowd, random_policy(1, crowd), 5, crowd.restore(snapshot))  # starts new workers
-    assert (expected == found).all()
-    crowd.close()
-    crowd.close()
-
-
-def processes_of(env: BatchedClutterEnv) -> list[subprocess.Popen]:
-    assert isinstance(env._crew, WorkerCrew)
-    return list(env._crew._processes)
-
-
-def test_workers_start_late_and_end_with_the_environment():
-    env = BatchedClutterEnv(FEW, "discrete", num_envs=2, num_workers=2)
-    assert env._crew is None
-    env.reset()
-    processes = processes_of(env)
-    assert len(processes) == 2 and all(process.poll() is None for process in processes)
-    del env
-    gc.collect()  # a torchrl environment refers to itself
-    assert all(process.wait(10) == 0 for process in processes)
-
-
-def test_by_default_few_slots_stay_in_this_process():
-    def num_workers(num_envs: int) -> int:
-        env = BatchedClutterEnv(FEW, "discrete", num_envs=num_envs)
-        env.reset()
-        count = len(processes_of(env)) if isinstance(env._crew, WorkerCrew) else 0
-        env.close()
-        return count
-
-    cores = available_cores()
-    assert num_workers(10) == 0
-    assert num_workers(32) == (2 if cores > 1 else 0)
-
-
-def test_says_that_a_worker_has_ended():
-    env = BatchedClutterEnv(FEW, "discrete", num_envs=2, num_workers=2)
-    current = random_policy(0, env)(env.reset())
-    processes_of(env)[1].kill()
-    with pytest.raises(VisualRHPError, match="worker process 1"):
-        env.step(current)
-    env.close()
-
-
-ORPHANS = """
-import os, sys
-from visualrhp.environments.batched import BatchedClutterEnv
-from visualrhp.scene.sampling import SceneDistribution
-env = BatchedClutterEnv(SceneDistribution(), "discrete", num_envs=2, num_workers=1)  # no main guard
-env.reset()
-print(env._crew._processes[0].pid, flush=True)
-sys.stdin.read()
-"""
-
-
-@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
-def test_workers_do_not_outlive_a_killed_parent(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(ORPHANS)
-    with subprocess.Popen([sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
-        worker = int(parent.stdout.readline())
-        assert os.path.exists(f"/proc/{worker}")
-        parent.send_signal(signal.SIGKILL)
-    for _ in range(100):
-        if not os.path.exists(f"/proc/{worker}") or is_zombie(worker):
-            return
-        time.sleep(0.1)
-    pytest.fail("the worker still runs ten seconds after its parent was killed")
-
-
-def is_zombie(process: int) -> bool:
-    """Whether it has ended, and only waits for somebody to ask how."""
-    with open(f"/proc/{process}/stat") as stat:
-        return stat.read().rsplit(")", 1)[1].split()[0] == "Z"
-
-
 # What reaches the losses
 
 VALUE = 10.0
@@ -372,9 +246,9 @@ def test_gae_bootstraps_after_a_truncation_and_not_after_a_terminal_state(episod
 
 def test_c3po_bootstraps_after_a_truncation_and_not_after_a_terminal_state(episodes):
     env = BatchedClutterEnv(FEW, "continuous", num_envs=6)
-    learner = C3PO(SamePolicy(), env, C3POConfig(buffer_size=360, batch_size=90, discount=GAMMA), seed=0)
+    learner = C3PO(SamePolicy(), env, C3POConfig(frames_per_batch=360, batch_size=90, discount=GAMMA), seed=0)
     episodes = episodes.clone().set("action", torch.zeros(*episodes.shape, 4))
-    found = learner._with_old_parameters(episodes)["value_target"]
+    found = learner.with_old_parameters(episodes)["value_target"]
     torch.testing.assert_close(found, targets(episodes).flatten(0, 1))
 
 

@@ -13,8 +13,9 @@ from gymnasium.utils.env_checker import check_env
 import visualrhp
 from visualrhp.environments import ClutterManipulation, ColourImage
 from visualrhp.errors import ActionError, ConfigError, SceneError
-from visualrhp.rendering.label_image import PALETTE, label_image
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.observation.label_image import PALETTE, label_image
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
 from visualrhp.types import State
 
 ENVIRONMENT = f"{visualrhp.__name__}/ClutterManipulation-v0"
@@ -163,7 +164,7 @@ def test_a_given_scene_may_have_any_number_of_objects_where_images_are_shown():
 def test_a_bad_start_is_refused_before_anything_changes():
     task = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 0, Split.EVALUATION, 0)
     fewer = sample_task_instance(SceneDistribution(num_objects=(2, 2)), 0, Split.EVALUATION, 0)
-    stacked = State.create(task.state.robot_pose, 0.085, False, np.zeros((3, 3)))
+    stacked = State.create(task.state.gripper_pose, 0.085, False, np.zeros((3, 3)))
     env = ClutterManipulation(observation="cartesian", num_objects=3)
     with pytest.raises(SceneError, match="no running episode"):
         env.reset(options={"state": task.state})

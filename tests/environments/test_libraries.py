@@ -13,7 +13,8 @@ from stable_baselines3.common.torch_layers import NatureCNN
 
 import visualrhp
 from visualrhp.environments import ColourImage
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
 
 ENVIRONMENT = f"{visualrhp.__name__}/ClutterManipulation-v0"
 OPEN = 7

@@ -14,10 +14,11 @@ import pytest
 from visualrhp.environments import ClutterManipulation
 from visualrhp.environments.batched import BatchedClutterEnv
 from visualrhp.environments.clutter_manipulation import RESET_OPTIONS
-from visualrhp.rendering.label_image import VIEW_SIDE, Label
-from visualrhp.scene.sampling import SceneDistribution, Split
+from visualrhp.observation.label_image import VIEW_SIDE, Label
+from visualrhp.scene.sampling import SceneDistribution
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
-from visualrhp.simulation.task import ACTION_REWARD, DROP_REWARD, MAX_EPISODE_ACTIONS
+from visualrhp.simulation.rules import ACTION_REWARD, DROP_REWARD, MAX_EPISODE_ACTIONS
+from visualrhp.streams import Split
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "environment.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -98,7 +99,7 @@ def test_observation_tables():
         Label.TARGET: "target region",
         Label.OBSTACLE: "obstacle",
         Label.DESIRED_OBJECT: "desired object",
-        Label.ROBOT: "gripper",
+        Label.GRIPPER: "gripper",
     }
     assert {Label(int(row["Label"])): row["Meaning"] for row in labels} == words
     assert f"{VIEW_SIDE:g} m a side" in TEXT
@@ -113,7 +114,7 @@ def test_observation_tables():
     assert indices == list(range(box.shape[0]))
 
     observation, _ = env.reset(seed=2)
-    x, y, theta = env.state.robot_pose
+    x, y, theta = env.state.gripper_pose
     target = env.scene.target.position
     c, s = math.cos(theta), math.sin(theta)
 

@@ -1,183 +1,101 @@
-import math
-from dataclasses import replace
+"""The table of episodes: one schema, for what is written and for what is read."""
 
-import numpy as np
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
 import pytest
 
-from visualrhp.errors import SimulationError
-from visualrhp.evaluation.episodes import evaluate_policy, perturbed_scene, run_episode, run_task
-from visualrhp.planning.planner import Decision, Planner
-from visualrhp.scene import ObjectShape, Scene, SceneDistribution, Split, TargetRegion, sample_task_instance
-from visualrhp.simulation.action_spaces import make_action_space
-from visualrhp.simulation.task import DISCOUNT, MAX_EPISODE_ACTIONS
-from visualrhp.simulation.transition_model import TransitionModel
-from visualrhp.types import State, Transition
-
-CONTINUOUS = make_action_space("continuous")
-SQUARE = ObjectShape(np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]))
-FORWARD = np.array([0.5, 0.0, 0.0, -1.0])
-
-
-class Scripted(Planner):
-    """Answers with the same decision always."""
-
-    def __init__(self, decision):
-        self.decision = decision
-
-    @property
-    def name(self):
-        return "Scripted"
-
-    def start(self, model, rng):
-        return lambda state: self.decision
+from tests.evaluation.samples import ablation_table, sample_result
+from visualrhp.errors import DataError
+from visualrhp.evaluation.episodes import (
+    EPISODE_COLUMNS,
+    RESULT_COLUMNS,
+    SETTING_COLUMNS,
+    Setting,
+    episode_row,
+    episodes_table,
+    read_episodes,
+    read_evaluation,
+)
+from visualrhp.files import write_json
+from visualrhp.heuristics.crafted import CraftedHeuristic
+from visualrhp.planning import RecedingHorizon
+from visualrhp.planning.receding_horizon import RecedingHorizonParameters
+from visualrhp.scene import SceneDistribution
+from visualrhp.types import Outcome
 
 
-class RandomPlanner(Planner):
-    """Acts at random, so that its episodes show which generator it was given."""
-
-    @property
-    def name(self):
-        return "Random"
-
-    def start(self, model, rng):
-        return lambda state: Decision(rng.uniform(-1.0, 1.0, 4))
+def setting(planner: object, num_objects: tuple[int, int] = (1, 7)) -> Setting:
+    distribution = SceneDistribution(num_objects=num_objects, object_size="small")
+    return Setting.of("block", planner, "continuous", distribution, "low", 3)
 
 
-def pushing_task(target_x):
-    """One object ahead of the gripper, which pushes it along x."""
-    scene = Scene(TargetRegion(np.array([target_x, 0.0]), 0.03), (SQUARE,))
-    state = State.create([-0.2, 0.0, 0.0], 0.0, True, [[-0.1, 0.0, 0.0]])
-    return TransitionModel(scene, CONTINUOUS), state
+def test_a_row_has_the_columns_of_the_schema() -> None:
+    row = episode_row(sample_result(num_actions=8, decision_time_s=0.4, simulation_time_s=0.1))
+    assert list(row) == list(RESULT_COLUMNS)
+    assert row["mean_decision_time_s"] == pytest.approx(0.05)
+    assert row["execution_time_s"] == pytest.approx(0.5)
+    assert (row["success"], row["dropped"], row["num_objects"], row["action_efficiency"]) == (True, False, 4, 0.5)
 
 
-def run(planner, model, state, **options):
-    return run_episode(planner, model, model, state, np.random.default_rng(0), **options)
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_outcomes_are_plain_text(outcome: Outcome) -> None:
+    row = episode_row(sample_result(outcome))
+    assert type(row["outcome"]) is str and row["outcome"] == outcome
+    assert json.loads(json.dumps(row))["outcome"] == outcome
 
 
-def test_success_ends_the_episode_and_is_measured():
-    model, state = pushing_task(target_x=0.1)
-    result = run(Scripted(Decision(np.array([0.5, 0.0, 0.0, 1.0]), num_invalid=2)), model, state, keep_states=True)
-    assert (result.outcome, result.success, result.dropped) == ("success", True, False)
-    assert model.is_goal(result.states[-1]) and not any(model.is_goal(state) for state in result.states[:-1])
-    assert len(result.states) == result.num_actions + 1 and result.states[0] == state
-    assert result.action_efficiency == 1 / result.num_actions
-    assert result.num_invalid_rollouts == 2 * result.num_actions
-    assert result.discounted_return == pytest.approx(-sum(DISCOUNT**k for k in range(result.num_actions)))
-    assert result.decision_time_s > 0.0 and result.simulation_time_s > 0.0
-    assert result.execution_time_s == result.decision_time_s + result.simulation_time_s
+def test_a_setting_is_named_by_planner_and_distribution() -> None:
+    planner = RecedingHorizon(CraftedHeuristic("continuous"), num_rollouts=8, horizon=4, name="mine")
+    found = setting(planner)
+    assert (found.planner, found.num_rollouts, found.horizon) == ("mine", 8, 4)
+    assert (found.scene_num_objects, found.object_size, found.noise_level, found.seed) == ("1-7", "small", "low", 3)
+    assert setting(planner, (4, 4)).scene_num_objects == "4"
+    assert setting(RecedingHorizonParameters(num_rollouts=8, horizon=4, name="mine")) == found
 
 
-def test_a_drop_ends_the_episode_with_its_penalty():
-    model, state = pushing_task(target_x=-0.2)
-    result = run(Scripted(Decision(np.array([1.0, 0.0, 0.0, 1.0]))), model, state)
-    assert (result.outcome, result.success, result.dropped) == ("dropped", False, True)
-    before = sum(DISCOUNT**k for k in range(result.num_actions - 1))
-    assert result.discounted_return == pytest.approx(-before - 50.0 * DISCOUNT ** (result.num_actions - 1))
-    assert math.isnan(result.action_efficiency)
-    assert result.states == ()
+def test_the_table_has_a_row_per_episode_in_the_types_of_the_schema() -> None:
+    class Plain:
+        name = "Plain"
+
+    row = episode_row(sample_result("dropped"))
+    table = episodes_table([(setting(Plain()), index, row) for index in (5, 2)])
+    assert list(table.columns) == list(EPISODE_COLUMNS) == [*SETTING_COLUMNS, "episode", *RESULT_COLUMNS]
+    assert table["episode"].tolist() == [5, 2]
+    assert bool(table[["horizon", "action_efficiency"]].isna().to_numpy().all())
+    types = {name: str(table[name].dtype) for name in ("horizon", "seed", "success", "return")}
+    assert types == {"horizon": "Int64", "seed": "int64", "success": "bool", "return": "float64"}
+    assert episodes_table([]).empty
 
 
-def test_success_has_to_come_in_under_fifty_actions():
-    model, state = pushing_task(target_x=0.1)
-    result = run(Scripted(Decision(np.zeros(4))), model, state, keep_states=True)
-    assert (result.outcome, result.num_actions, len(result.states)) == ("out of actions", 49, 50)
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    table = ablation_table()
+    table.to_parquet(tmp_path / "episodes.parquet", index=False)
+    write_json(tmp_path / "evaluation.json", {"seed": 0})
+    episodes, card = read_evaluation(tmp_path)
+    pd.testing.assert_frame_equal(episodes, table)
+    assert card == {"seed": 0}
 
 
-def test_a_planner_that_gives_up_has_not_completed_the_task():
-    model, state = pushing_task(target_x=0.1)
-    result = run(Scripted(Decision(None)), model, state, keep_states=True)
-    assert (result.outcome, result.num_actions, result.states) == ("no plan", MAX_EPISODE_ACTIONS, (state,))
-    assert not result.success
-
-
-def test_a_plan_that_ends_early_has_failed():
-    model, state = pushing_task(target_x=0.1)
-
-    class OneAction(Scripted):
-        def start(self, model, rng):
-            plan = iter([self.decision])
-            return lambda state: next(plan, Decision(None))
-
-    result = run(OneAction(Decision(np.zeros(4))), model, state)
-    assert (result.outcome, result.num_actions, result.success) == ("plan failed", 1, False)
-
-
-def test_a_world_that_diverges_ends_the_episode():
-    model, state = pushing_task(target_x=0.1)
-
-    class Diverging(TransitionModel):
-        def simulate(self, state, action) -> Transition:
-            raise SimulationError("a pose is not finite")
-
-    world = Diverging(model.scene, CONTINUOUS)
-    result = run_episode(Scripted(Decision(FORWARD)), world, model, state, np.random.default_rng(0))
-    assert (result.outcome, result.success, result.num_actions) == ("diverged", False, 0)
-
-
-def test_a_task_that_is_solved_from_the_start_needs_no_action():
-    model, state = pushing_task(target_x=-0.1)
-    result = run(Scripted(Decision(FORWARD)), model, state)
-    assert (result.outcome, result.num_actions) == ("success", 0)
-    assert math.isnan(result.action_efficiency)
-
-
-def untimed(result):
-    return replace(result, decision_time_s=0.0, simulation_time_s=0.0)
-
-
-def test_an_outcome_depends_on_seed_and_index_alone():
-    distribution = SceneDistribution(num_objects=(1, 3))
-    task = {"seed": 5, "split": Split.EVALUATION, "action_space": CONTINUOUS}
-
-    def run_all(indices):
-        return {
-            index: run_task(RandomPlanner(), distribution, index=index, keep_states=True, **task) for index in indices
-        }
-
-    forward, backward = run_all(range(3)), run_all([2, 1, 0])
-    assert all(untimed(forward[index]) == untimed(backward[index]) for index in range(3))
-    assert len({result.states[1] for result in forward.values()}) == 3
-    in_one_go = evaluate_policy(RandomPlanner(), distribution, indices=range(3), **task)
-    assert [untimed(result) for result in in_one_go] == [
-        replace(untimed(forward[index]), states=()) for index in range(3)
-    ]
-
-
-def test_noise_changes_the_world_and_not_the_model():
-    distribution = SceneDistribution(num_objects=(3, 3))
-    seen = []
-
-    class Watching(Scripted):
-        def start(self, model, rng):
-            seen.append(model.scene)
-            return super().start(model, rng)
-
-    def run_at(noise):
-        return run_task(
-            Watching(Decision(FORWARD)),
-            distribution,
-            7,
-            Split.EVALUATION,
-            0,
-            action_space=CONTINUOUS,
-            noise=noise,
-            keep_states=True,
-        )
-
-    quiet, noisy, again = run_at(0.0), run_at(0.05), run_at(0.05)
-    nominal = sample_task_instance(distribution, 7, Split.EVALUATION, 0)
-    assert all(scene == nominal.scene for scene in seen)
-    assert noisy.states == again.states
-    assert quiet.states[0] == noisy.states[0] == nominal.state
-    world = perturbed_scene(nominal.scene, 0.05, 7, Split.EVALUATION, 0)
-    assert world != nominal.scene
-    assert world != perturbed_scene(nominal.scene, 0.05, 7, Split.EVALUATION, 1)
-
-
-def test_levels_of_noise_scale_the_same_draws():
-    scene = sample_task_instance(SceneDistribution(num_objects=(1, 1)), 0, Split.EVALUATION, 0).scene
-    low = perturbed_scene(scene, 0.01, 0, Split.EVALUATION, 0).objects[0]
-    high = perturbed_scene(scene, 0.05, 0, Split.EVALUATION, 0).objects[0]
-    assert high.friction / scene.objects[0].friction - 1.0 == pytest.approx(
-        5.0 * (low.friction / scene.objects[0].friction - 1.0)
-    )
+def test_tables_that_cannot_be_used_are_one_clear_error(tmp_path: Path) -> None:
+    path = tmp_path / "episodes.parquet"
+    with pytest.raises(DataError, match=r"no file episodes\.parquet; make it with python -m pipelines\.evaluate"):
+        read_episodes(path)
+    table = ablation_table()
+    table.to_parquet(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(DataError, match="damaged or is not a Parquet file"):
+        read_episodes(path)
+    table.drop(columns=["success", "return"]).to_parquet(path)
+    with pytest.raises(DataError, match="lacks the columns success, return"):
+        read_episodes(path)
+    table.iloc[:0].to_parquet(path)
+    with pytest.raises(DataError, match="no rows"):
+        read_episodes(path)
+    table.assign(success="yes").to_parquet(path)
+    with pytest.raises(DataError, match=r"the column success of .* is str, not boolean"):
+        read_episodes(path)

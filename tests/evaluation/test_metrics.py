@@ -1,3 +1,5 @@
+"""Metrics and their intervals, by hand and against SciPy."""
+
 import math
 
 import numpy as np
@@ -7,22 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from tests.evaluation.samples import sample_result
 from visualrhp.errors import ConfigError, DataError
-from visualrhp.evaluation.episodes import EpisodeResult
+from visualrhp.evaluation.episodes import episode_row
 from visualrhp.evaluation.metrics import (
-    EPISODE_COLUMNS,
-    episode_row,
     evaluation_metrics,
     mean_interval,
     metrics_of_results,
     summarize,
     wilson_interval,
 )
-from visualrhp.rendering.frames import Outcome
-
-
-def result(outcome: Outcome = "success", num_objects=4, num_actions=8, decision_time_s=0.3, simulation_time_s=0.1):
-    return EpisodeResult(outcome, num_objects, num_actions, -float(num_actions), decision_time_s, simulation_time_s)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +80,11 @@ def test_intervals_of_little_or_nothing():
 
 
 def test_the_three_metrics_by_hand():
-    results = [
-        result(num_objects=4, num_actions=8, decision_time_s=0.3, simulation_time_s=0.1),  # efficiency 0.5, 0.4 s
-        result(num_objects=1, num_actions=4, decision_time_s=0.1, simulation_time_s=0.1),  # efficiency 0.25, 0.2 s
-        result("dropped", num_actions=3, decision_time_s=0.5, simulation_time_s=0.1),  # 0.6 s, no efficiency
-        result("out of actions", num_actions=49, decision_time_s=1.0, simulation_time_s=0.6),  # 1.6 s
+    results = [  # efficiency, execution time
+        sample_result(num_objects=4, num_actions=8, decision_time_s=0.3, simulation_time_s=0.1),  # 0.5, 0.4 s
+        sample_result(num_objects=1, num_actions=4, decision_time_s=0.1, simulation_time_s=0.1),  # 0.25, 0.2 s
+        sample_result("dropped", num_actions=3, decision_time_s=0.5, simulation_time_s=0.1),  # 0.6 s, no efficiency
+        sample_result("out of actions", num_actions=49, decision_time_s=1.0, simulation_time_s=0.6),  # 1.6 s
     ]
     metrics = metrics_of_results(results)
     assert metrics["success_rate"].value == 0.5
@@ -100,16 +96,7 @@ def test_the_three_metrics_by_hand():
 
 
 def table(rows):
-    frame = pd.DataFrame([episode_row(result(**row.pop("result", {}))) | row for row in rows])
-    return frame
-
-
-def test_a_row_has_every_column_that_belongs_to_an_episode():
-    about_the_task = {"planner", "action_space", "num_rollouts", "horizon", "object_size", "noise_level", "episode"}
-    assert set(EPISODE_COLUMNS) - about_the_task <= set(episode_row(result()))
-    row = episode_row(result(num_actions=8, decision_time_s=0.4))
-    assert row["mean_decision_time_s"] == pytest.approx(0.05)
-    assert row["execution_time_s"] == pytest.approx(0.5)
+    return pd.DataFrame([episode_row(sample_result(**row.pop("result", {}))) | row for row in rows])
 
 
 def test_groups_are_summarized_apart_and_missing_keys_are_a_group():

@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from visualrhp.heuristics.label_convolution import POOLING, LabelConvolution, label_colours
-from visualrhp.rendering.label_image import IMAGE_SIZE, Label
+from visualrhp.observation.label_image import IMAGE_SIZE, Label
 
 
 class PlainLabelConvolution(nn.Module):
@@ -27,7 +27,7 @@ class PlainLabelConvolution(nn.Module):
         step = 2.0 / (IMAGE_SIZE - 1)
         axis = torch.linspace(-1.0 - step, 1.0 + step, IMAGE_SIZE + 2, dtype=dtype)
         self.register_buffer("coordinates", torch.stack(torch.meshgrid(axis, axis, indexing="ij")))
-        self.register_buffer("colours", label_colours().to(dtype))
+        self.register_buffer("colours", torch.from_numpy(label_colours()).to(dtype))
 
     def forward(self, labels: torch.Tensor) -> torch.Tensor:
         """Labels [B, 64, 64] to pooled maps [B, out, 16, 16]."""

@@ -15,7 +15,7 @@ from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.planning import RecedingHorizon
 from visualrhp.scene import ObjectShape, Scene, TargetRegion
 from visualrhp.simulation import TransitionModel, make_action_space
-from visualrhp.simulation.task import MAX_EPISODE_ACTIONS
+from visualrhp.simulation.rules import MAX_EPISODE_ACTIONS
 from visualrhp.types import ActionSpaceName, State
 
 SQUARE = ObjectShape.centred([[0.0, 0.0], [0.04, 0.0], [0.04, 0.04], [0.0, 0.04]])
@@ -92,7 +92,9 @@ def run(
 ) -> tuple[bool, list[State]]:
     """Whether RHP 8x4 solves the task, and the states it passes through."""
     model = TransitionModel(scene, make_action_space(action_space))
-    policy = RecedingHorizon(CraftedHeuristic(action_space, cost_to_go), 8, 4).start(model, np.random.default_rng(seed))
+    policy = RecedingHorizon(CraftedHeuristic(action_space, cost_to_go), num_rollouts=8, horizon=4).start(
+        model, np.random.default_rng(seed)
+    )
     states = [start]
     while len(states) <= MAX_EPISODE_ACTIONS:
         action = policy(states[-1]).action

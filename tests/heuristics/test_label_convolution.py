@@ -7,8 +7,9 @@ import torch
 
 from tests.heuristics.plain_convolution import PlainLabelConvolution
 from visualrhp.heuristics.label_convolution import LabelConvolution
-from visualrhp.rendering.label_image import IMAGE_SIZE, label_image
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.observation.label_image import IMAGE_SIZE, label_image
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
 
 
 def blobs(generator: torch.Generator) -> torch.Tensor:

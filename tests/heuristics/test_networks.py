@@ -7,15 +7,16 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from visualrhp.environments.task import ObservationFunction
-from visualrhp.heuristics.networks import MAX_STD, MIN_STD, ActorCritic, CoordConv, QNetwork, make_network
+from visualrhp.heuristics.architecture import MAX_STD, MIN_STD
+from visualrhp.heuristics.networks import ActorCritic, CoordConv, QNetwork, make_network
+from visualrhp.observation import Observation, make_observation
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
 
-IMAGE = ObservationFunction("image")
-CARTESIAN = ObservationFunction("cartesian", 4)
+IMAGE = make_observation("image")
+CARTESIAN = make_observation("cartesian", 4)
 
 
-def observations(function: ObservationFunction, batch: int) -> torch.Tensor:
+def observations(function: Observation, batch: int) -> torch.Tensor:
     generator = torch.Generator().manual_seed(0)
     if function.name == "image":
         return torch.randint(6, (batch, *function.shape), generator=generator, dtype=torch.uint8)
@@ -43,7 +44,7 @@ def test_convolutions_are_those_of_the_paper() -> None:
 
 @pytest.mark.parametrize("function", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
 @pytest.mark.parametrize("batch", [1, 3])
-def test_outputs_have_their_shapes_and_ranges(function: ObservationFunction, batch: int) -> None:
+def test_outputs_have_their_shapes_and_ranges(function: Observation, batch: int) -> None:
     seen, closed = observations(function, batch), torch.ones(batch, dtype=torch.bool)
     assert QNetwork(function)(seen, closed).shape == (batch, DiscreteActionSpace.NUM_ACTIONS)
     network = ActorCritic(function)
@@ -58,7 +59,7 @@ def test_outputs_have_their_shapes_and_ranges(function: ObservationFunction, bat
 
 
 @pytest.mark.parametrize("function", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
-def test_an_output_does_not_depend_on_the_rest_of_the_batch(function: ObservationFunction) -> None:
+def test_an_output_does_not_depend_on_the_rest_of_the_batch(function: Observation) -> None:
     """Otherwise the policy that collects would not be the one that is updated (the ratio of Eq. 8)."""
     network = make_network("discrete", function)
     seen, closed = observations(function, 6), torch.tensor([True, False] * 3)
@@ -68,7 +69,7 @@ def test_an_output_does_not_depend_on_the_rest_of_the_batch(function: Observatio
 
 
 @pytest.mark.parametrize("function", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
-def test_the_gripper_state_counts(function: ObservationFunction) -> None:
+def test_the_gripper_state_counts(function: Observation) -> None:
     network = make_network("discrete", function)
     seen = observations(function, 1)
     q = [network(seen, torch.tensor([closed])) for closed in (True, False)]

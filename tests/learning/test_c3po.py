@@ -11,10 +11,11 @@ from corridor import Corridor, TinyActorCritic, success_rate
 from tensordict import TensorDict
 
 from visualrhp.errors import ConfigError
-from visualrhp.learning.c3po import C3PO, C3POConfig, baseline_loss, policy_distribution
-from visualrhp.learning.reinforcement import Metrics
+from visualrhp.learning.c3po import C3PO, baseline_loss, policy_distribution
+from visualrhp.learning.configs import C3POConfig
+from visualrhp.types import Metrics
 
-SMALL = C3POConfig(buffer_size=80, batch_size=32, baseline_epochs=2, policy_epochs=2, lr=1e-3)
+SMALL = C3POConfig(frames_per_batch=80, batch_size=32, baseline_epochs=2, policy_epochs=2, lr=1e-3)
 
 
 def make(config: C3POConfig = SMALL, seed: int = 0) -> C3PO:
@@ -55,8 +56,8 @@ def test_baseline_loss_is_equation_10():
 @torch.no_grad()
 def test_targets_and_advantages_are_equation_9_and_only_terminal_states_do_not_bootstrap():
     learner = make()
-    transitions, _ = learner._collector.collect(learner._act, 80)
-    data = learner._with_old_parameters(transitions)
+    transitions, _ = learner.collector.collect(learner.act, 80)
+    data = learner.with_old_parameters(transitions)
     following = transitions["next"].flatten(0, 1)
     value = learner.network(transitions["observation"].flatten(0, 1), None)[2]
     next_value = learner.network(following["observation"], None)[2]
@@ -69,9 +70,9 @@ def test_targets_and_advantages_are_equation_9_and_only_terminal_states_do_not_b
 
 @torch.no_grad()
 def test_lambda_one_gives_the_discounted_rest_of_the_episode():
-    learner = make(C3POConfig(buffer_size=80, batch_size=32, trace_decay=1.0))
-    transitions, _ = learner._collector.collect(learner._act, 80)
-    target = learner._with_old_parameters(transitions)["value_target"].unflatten(0, transitions.shape)
+    learner = make(C3POConfig(frames_per_batch=80, batch_size=32, gae_lambda=1.0))
+    transitions, _ = learner.collector.collect(learner.act, 80)
+    target = learner.with_old_parameters(transitions)["value_target"].unflatten(0, transitions.shape)
     for slot in range(4):
         rest = None
         for step in reversed(range(20)):
@@ -86,13 +87,13 @@ def test_lambda_one_gives_the_discounted_rest_of_the_episode():
 
 def test_actor_critic_loss_is_equation_8_with_the_ratio_clipped():
     learner = make()
-    transitions, _ = learner._collector.collect(learner._act, 80)
-    data = learner._with_old_parameters(transitions)
+    transitions, _ = learner.collector.collect(learner.act, 80)
+    data = learner.with_old_parameters(transitions)
     with torch.no_grad():
         for parameter in learner.network.parameters():
             parameter.add_(0.05)
         mean, std, value = (column.numpy() for column in learner.network(data["observation"], None))
-    losses = learner._policy_loss(data)
+    losses = learner.policy_loss(data)
     columns = ("action", "old_loc", "old_scale", "advantage", "value_target")
     action, old_mean, old_std, advantage, target = (data[key].squeeze(-1).numpy() for key in columns)
     ratio = np.exp(log_density(action, mean, std) - log_density(action, old_mean, old_std))
@@ -106,9 +107,9 @@ def test_actor_critic_loss_is_equation_8_with_the_ratio_clipped():
 
 def test_ratio_is_one_before_the_first_step_also_after_the_baseline_step():
     learner = make()
-    transitions, _ = learner._collector.collect(learner._act, 80)
-    learner._optimize_baseline(learner._with_old_parameters(transitions))
-    losses = learner._policy_loss(learner._with_old_parameters(transitions))
+    transitions, _ = learner.collector.collect(learner.act, 80)
+    learner.optimize_baseline(learner.with_old_parameters(transitions))
+    losses = learner.policy_loss(learner.with_old_parameters(transitions))
     assert losses["max_ratio"].item() == pytest.approx(1.0, abs=1e-5)
     assert losses["mean_ratio"].item() == pytest.approx(1.0, abs=1e-5)
     assert losses["clip_fraction"].item() == 0.0
@@ -117,21 +118,21 @@ def test_ratio_is_one_before_the_first_step_also_after_the_baseline_step():
 @torch.no_grad()
 def test_body_is_passed_once_per_loss():
     learner = make()
-    transitions, _ = learner._collector.collect(learner._act, 80)
-    data = learner._with_old_parameters(transitions)
+    transitions, _ = learner.collector.collect(learner.act, 80)
+    data = learner.with_old_parameters(transitions)
     passes = []
     learner.network.register_forward_hook(lambda *_: passes.append(1))
-    learner._policy_loss(data)
+    learner.policy_loss(data)
     assert len(passes) == 1
 
 
 def test_baseline_step_improves_the_value_and_leaves_the_policy():
-    learner = make(C3POConfig(buffer_size=400, batch_size=100, baseline_epochs=30, lr=1e-3))
-    transitions, _ = learner._collector.collect(learner._act, 400)
-    data = learner._with_old_parameters(transitions)
+    learner = make(C3POConfig(frames_per_batch=400, batch_size=100, baseline_epochs=30, lr=1e-3))
+    transitions, _ = learner.collector.collect(learner.act, 400)
+    data = learner.with_old_parameters(transitions)
     before = (data["value_target"] - data["old_value"]).square().mean().item()
     with torch.enable_grad():
-        metrics = learner._optimize_baseline(data)
+        metrics = learner.optimize_baseline(data)
     with torch.no_grad():
         mean, std, value = learner.network(data["observation"], None)
     after = (data["value_target"][:, 0] - value).square().mean().item()
@@ -142,7 +143,7 @@ def test_baseline_step_improves_the_value_and_leaves_the_policy():
 
 
 def test_without_the_baseline_step_it_is_ppo():
-    learner = make(C3POConfig(buffer_size=80, batch_size=32, policy_epochs=1, baseline_step=False))
+    learner = make(C3POConfig(frames_per_batch=80, batch_size=32, policy_epochs=1, baseline_step=False))
     (metrics,) = learner.run(1)
     assert not any(name.startswith("baseline/") for name in metrics)
     assert {"policy/entropy", "policy/kl", "policy/clip_fraction", "value/td_rmse"} <= metrics.keys()
@@ -151,7 +152,7 @@ def test_without_the_baseline_step_it_is_ppo():
 @pytest.mark.parametrize("baseline_step", [True, False])
 def test_solves_the_corridor(baseline_step):
     config = C3POConfig(
-        buffer_size=400,
+        frames_per_batch=400,
         batch_size=100,
         baseline_epochs=5,
         policy_epochs=5,
@@ -182,8 +183,8 @@ def test_same_seed_same_bits_and_a_resumed_run_is_the_uninterrupted_one(tmp_path
 
 
 def test_bad_parameters_are_refused():
-    with pytest.raises(ConfigError, match="buffer_size=81"):
-        make(C3POConfig(buffer_size=81, batch_size=10))
+    with pytest.raises(ConfigError, match="frames_per_batch=81"):
+        make(C3POConfig(frames_per_batch=81, batch_size=10))
     for parameters in ({"lr": 0.0}, {"discount": 1.1}, {"policy_epochs": 0}, {"batch_size": 20_000}):
         (name,) = parameters
         with pytest.raises(ConfigError, match=name):
@@ -191,9 +192,9 @@ def test_bad_parameters_are_refused():
 
 
 def test_gradient_norm_can_be_limited():
-    learner = make(C3POConfig(buffer_size=80, batch_size=80, max_grad_norm=1e-3))
+    learner = make(C3POConfig(frames_per_batch=80, batch_size=80, max_grad_norm=1e-3))
     before = copy.deepcopy(learner.network.state_dict())
     loss = sum(parameter.square().sum() for parameter in learner.network.parameters())
-    learner._step(torch.optim.SGD(learner.network.parameters(), lr=1.0), loss * 1e6)
+    learner.step(torch.optim.SGD(learner.network.parameters(), lr=1.0), loss * 1e6)
     change = sum((learner.network.state_dict()[name] - old).square().sum() for name, old in before.items())
     assert change.sqrt().item() == pytest.approx(1e-3, rel=1e-2)

@@ -9,23 +9,31 @@ from corridor import FEATURES, Corridor, CorridorPlanner, TinyQNetwork, features
 from tensordict import TensorDict
 
 from visualrhp.errors import CheckpointError, ConfigError
-from visualrhp.learning.dqn import DQN, DQNConfig, EpsilonRHP, demonstration_transitions, make_q_loss
-from visualrhp.learning.reinforcement import Metrics
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
-from visualrhp.types import Episode, State
+from visualrhp.learning.configs import DQNConfig
+from visualrhp.learning.dqn import DQN, EpsilonRHP, demonstration_transitions, make_q_loss
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.streams import Split
+from visualrhp.types import Episode, Metrics, Outcome, State
 
-SMALL = DQNConfig(buffer_size=200, collected=40, epochs=2, batch_size=16, lr=1e-3)
+SMALL = DQNConfig(buffer_size=200, frames_per_batch=40, epochs=2, batch_size=16, lr=1e-3)
 
 
 def demonstrations() -> list:
     task = sample_task_instance(SceneDistribution(num_objects=(2, 2)), 0, Split.DEMONSTRATIONS, 0)
     vectors = [np.r_[0.25 * step, np.zeros(3), step % 2, np.zeros(6)] for step in range(4)]
     states = tuple(State(vector) for vector in vectors)
-    return [(task, Episode(states, (0, 6, 7), (-1.0, -1.0, -1.0), is_goal=True, is_dropped=False))]
+    return [(task, Episode(states, (0, 6, 7), (-1.0, -1.0, -1.0), Outcome.SUCCESS))]
 
 
 def make(config: DQNConfig = SMALL, seed: int = 0, shown: int = 1) -> DQN:
-    return DQN(TinyQNetwork(), Corridor("discrete"), CorridorPlanner(), config, demonstrations()[:shown], seed=seed)
+    return DQN(
+        TinyQNetwork(),
+        Corridor("discrete"),
+        lambda network: CorridorPlanner(),
+        config,
+        demonstrations()[:shown],
+        seed=seed,
+    )
 
 
 def greedy_success(network: torch.nn.Module) -> dict[str, float]:
@@ -78,12 +86,12 @@ def test_loss_is_equation_7_and_its_gradient_holds_the_target_fixed():
 
 
 def test_target_network_is_copied_at_the_interval_only():
-    learner = make(DQNConfig(buffer_size=200, collected=40, batch_size=16, lr=1e-2, target_update_interval=3))
+    learner = make(DQNConfig(buffer_size=200, frames_per_batch=40, batch_size=16, lr=1e-2, target_update_interval=3))
     batch = batch_of(6)
     copies = []
     for _ in range(7):
-        learner._optimize(batch)
-        target = learner._q_loss.target_value_network_params["module", "0", "module", "layers", "0", "weight"]
+        learner.optimize(batch)
+        target = learner.q_loss.target_value_network_params["module", "0", "module", "layers", "0", "weight"]
         copies.append(torch.equal(target, learner.network.layers[0].weight))
     assert copies == [False, False, True, False, False, True, False]
 
@@ -98,7 +106,7 @@ def test_demonstrations_become_transitions_with_a_terminal_end():
     assert transitions["next", "terminated"][:, 0].tolist() == [False, False, True]
     assert transitions["action"].tolist() == [0, 6, 7]
     learner = make()
-    assert len(learner._replay) == 3
+    assert len(learner.replay) == 3
 
 
 @pytest.mark.parametrize(("epsilon", "low", "high"), [(0.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.2, 0.7, 0.9)])
@@ -127,7 +135,7 @@ def test_exploration_depends_on_the_task_and_the_step_alone():
 def test_solves_the_corridor(interval):
     config = DQNConfig(
         buffer_size=2000,
-        collected=200,
+        frames_per_batch=200,
         epochs=10,
         batch_size=100,
         lr=1e-3,
@@ -135,7 +143,7 @@ def test_solves_the_corridor(interval):
         target_update_interval=interval,
     )
     env = Corridor("discrete")
-    learner = DQN(TinyQNetwork(), env, CorridorPlanner(), config, [], seed=0, evaluate=greedy_success)
+    learner = DQN(TinyQNetwork(), env, lambda network: CorridorPlanner(), config, [], seed=0, evaluate=greedy_success)
     rows = list(learner.run(20))
     assert rows[0]["greedy/success_rate"] < 1.0
     assert greedy_success(learner.best_network)["success_rate"] == 1.0
@@ -151,7 +159,7 @@ def test_solves_the_corridor(interval):
 @pytest.mark.parametrize("buffer_size", [500, 60])  # holds everything; has wrapped around when it is saved
 def test_a_resumed_run_is_the_uninterrupted_one(tmp_path, buffer_size, interval):
     config = DQNConfig(
-        buffer_size=buffer_size, collected=40, epochs=2, batch_size=16, lr=1e-3, target_update_interval=interval
+        buffer_size=buffer_size, frames_per_batch=40, epochs=2, batch_size=16, lr=1e-3, target_update_interval=interval
     )
     whole, first = make(config), make(config)
     rows = list(whole.run(5))
@@ -160,7 +168,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(tmp_path, buffer_size, interval)
     resumed = make(config)
     resumed.load(tmp_path / "state.safetensors")
     for key in ("observation", "action"):
-        assert torch.equal(first._replay[:][key], resumed._replay[:][key])
+        assert torch.equal(first.replay[:][key], resumed.replay[:][key])
     assert [without_times(row) for row in resumed.run(5)] == [without_times(row) for row in rows[3:]]
     for name, parameter in whole.network.state_dict().items():
         assert torch.equal(parameter, resumed.network.state_dict()[name])
@@ -169,8 +177,8 @@ def test_a_resumed_run_is_the_uninterrupted_one(tmp_path, buffer_size, interval)
 
 
 def test_bad_parameters_are_refused():
-    with pytest.raises(ConfigError, match="collected=41"):
-        make(DQNConfig(collected=41))
+    with pytest.raises(ConfigError, match="frames_per_batch=41"):
+        make(DQNConfig(frames_per_batch=41))
     for parameters in ({"epsilon": 1.5}, {"lr": -1.0}, {"epochs": 0}, {"target_update_interval": 0}):
         (name,) = parameters
         with pytest.raises(ConfigError, match=name):

@@ -11,27 +11,21 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visualrhp.environments.task import ObservationFunction
 from visualrhp.errors import CheckpointError, ConfigError, DataError, LearningError
 from visualrhp.heuristics.networks import ActorCritic, QNetwork, make_network
-from visualrhp.learning.imitation import (
-    ActorCriticImitationConfig,
-    ImitationData,
-    ImitationLearner,
-    Metrics,
-    QImitationConfig,
-    actor_critic_imitation_loss,
-    q_imitation_loss,
-    q_targets,
-    value_margin,
-)
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.learning.configs import ActorCriticImitationConfig, QImitationConfig
+from visualrhp.learning.imitation import ImitationLearner
+from visualrhp.learning.imitation_data import ImitationData
+from visualrhp.learning.imitation_losses import actor_critic_imitation_loss, q_imitation_loss, q_targets, value_margin
+from visualrhp.observation import Observation, make_observation
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation.action_spaces import make_action_space
-from visualrhp.types import Action, Episode, State
+from visualrhp.streams import Split
+from visualrhp.types import Action, Episode, Metrics, Outcome, State
 
-CARTESIAN = ObservationFunction("cartesian", 2)
-IMAGE = ObservationFunction("image")
+CARTESIAN = make_observation("cartesian", 2)
+IMAGE = make_observation("image")
 
 
 # ------------------------------------------------------------------------------------------------ the equations by hand
@@ -116,10 +110,10 @@ def demonstration(index: int, length: int, action_space: str = "discrete") -> tu
         vector[4] = rng.integers(2)
         states.append(State(vector))
     actions: list[Action] = [space.sample(rng) for _ in range(length)]
-    return task, Episode(tuple(states), tuple(actions), (-1.0,) * length, is_goal=True, is_dropped=False)
+    return task, Episode(tuple(states), tuple(actions), (-1.0,) * length, Outcome.SUCCESS)
 
 
-def data_of(action_space: str, observe: ObservationFunction, count: int = 6) -> ImitationData:
+def data_of(action_space: str, observe: Observation, count: int = 6) -> ImitationData:
     return ImitationData.from_demonstrations([demonstration(i, 3 + i, action_space) for i in range(count)], observe)
 
 
@@ -158,14 +152,14 @@ def test_whole_demonstrations_are_held_out() -> None:
 
 @pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, observe: ObservationFunction) -> None:
+def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, observe: Observation) -> None:
     pairs = data_of(action_space, observe)
     data = pairs[torch.arange(len(pairs))]
     rows = torch.arange(len(pairs)) % 2 == 0
-    once = data.mirrored(rows)
+    once = data.mirrored(rows, pairs.observation)
     assert torch.equal(once.observation[~rows], data.observation[~rows])
     assert not torch.equal(once.observation[rows], data.observation[rows])
-    twice = once.mirrored(rows)
+    twice = once.mirrored(rows, pairs.observation)
     assert torch.equal(twice.observation, data.observation)
     assert torch.equal(twice.action, data.action)
 
@@ -174,7 +168,7 @@ def test_mirrored_actions_are_those_of_the_action_space() -> None:
     for action_space in ("discrete", "continuous"):
         pairs = data_of(action_space, CARTESIAN)
         data = pairs[torch.arange(len(pairs))]
-        mirrored = data.mirrored(torch.ones(len(pairs), dtype=torch.bool))
+        mirrored = data.mirrored(torch.ones(len(pairs), dtype=torch.bool), pairs.observation)
         space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
         expected = [space.mirror(a if a.ndim else int(a)) for a in data.action.numpy()]
         np.testing.assert_allclose(mirrored.action.numpy(), np.array(expected), rtol=1e-6)
@@ -192,6 +186,7 @@ def steering(count: int, action_space: str, seed: int = 0) -> ImitationData:
         action = torch.zeros(count, 4)
         action[:, 1] = torch.where(left, 0.8, -0.8)
     return ImitationData(
+        observation=CARTESIAN,
         observations=features.numpy(),
         gripper_closed=torch.zeros(count, dtype=torch.bool),
         action=action,

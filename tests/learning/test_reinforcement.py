@@ -9,7 +9,8 @@ import torch
 from corridor import Corridor, TinyQNetwork
 
 from visualrhp.errors import ConfigError, LearningError
-from visualrhp.learning.reinforcement import Collector, Metrics, ReinforcementLearner
+from visualrhp.learning.reinforcement import Collector, ReinforcementLearner
+from visualrhp.types import Metrics
 
 
 class Counting(ReinforcementLearner):

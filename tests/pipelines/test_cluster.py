@@ -17,10 +17,10 @@ import pandas as pd
 import pytest
 
 from pipelines import evaluate, execution, generate_demos
-from pipelines.app import compose
 from pipelines.config import EvaluateConfig, ExecutorConfig, GenerateDemosConfig
-from pipelines.execution import run_tasks
-from pipelines.tracking import open_run
+from pipelines.workflow.app import compose
+from pipelines.workflow.executor import run_tasks
+from pipelines.workflow.tracking import open_run
 from visualrhp.errors import ConfigError, SimulationError
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -180,13 +180,13 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch)
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{unused.getsockname()[1]}"
-    monkeypatch.setattr(execution, "_CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(execution, "CONNECTION_TIMEOUT_S", 1.0)
     with pytest.raises(ConfigError, match=f"no Dask scheduler answers at .*{address}"):
         list(run_tasks(fail, range(3), ExecutorConfig("dask", None, address)))
 
 
 def test_a_scheduler_without_workers_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(execution, "_CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(execution, "CONNECTION_TIMEOUT_S", 1.0)
     empty = Cluster(tmp_path)
     try:
         with pytest.raises(ConfigError, match=r"has no worker; start some with dask"):

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import yaml
 
-from pipelines.app import CONFIG_FOLDER, compose
 from pipelines.config import (
     C3POLearnerConfig,
     DQNLearnerConfig,
@@ -30,6 +29,7 @@ from pipelines.config import (
     VerifyDemosConfig,
     suite_overrides,
 )
+from pipelines.workflow.app import CONFIG_FOLDER, compose
 
 SCHEMAS: dict[str, type[PipelineConfig]] = {
     "generate_demos": GenerateDemosConfig,
@@ -74,9 +74,9 @@ def test_every_file_of_every_group_composes() -> None:
         assert compose("evaluate", EvaluateConfig, [f"planner={planner}"]).planner.name
     for suite in options("suite"):
         assert compose("evaluate", EvaluateConfig, [f"suite={suite}"]).suite
-    for representation in options("representation"):
-        config = compose("train_il", TrainILConfig, [f"representation={representation}"])
-        assert config.representation.name == representation
+    for observation in options("observation"):
+        config = compose("train_il", TrainILConfig, [f"observation={observation}"])
+        assert config.observation.name == observation
     for executor in options("executor"):
         config = compose("report", ReportConfig, [f"executor={executor}", "executor.address=tcp://127.0.0.1:8786"])
         assert config.executor.name == executor
@@ -112,8 +112,8 @@ def test_the_figures_have_what_the_paper_shows() -> None:
 
     ablation = {"visual_rhp", "visual_rhp_6x6", "cartesian_rhp", "crafted_heuristic_rhp", "greedy"}
     for experiment in ("fig7", "fig8"):
-        by_density = [s for s in settings(experiment) if s["scene.num_objects"] in "1234567"]
-        found = {(s["planner"], s["action_space"], s["scene.num_objects"]) for s in by_density}
+        by_num_objects = [s for s in settings(experiment) if s["scene.num_objects"] in "1234567"]
+        found = {(s["planner"], s["action_space"], s["scene.num_objects"]) for s in by_num_objects}
         assert found >= set(itertools.product(ablation, ("discrete", "continuous"), "1234567"))
         by_size = [s for s in settings(experiment) if s["scene.num_objects"] == "[1,7]"]
         found = {(s["planner"], s["action_space"], s.get("scene.object_size", "mixed")) for s in by_size}
@@ -153,11 +153,11 @@ def test_the_paper_scale_is_the_paper() -> None:
     assert (c3po.clip_epsilon, c3po.buffer_size) == (0.075, 10_000)
     coefficients = (c3po.value_coefficient, c3po.entropy_coefficient, c3po.baseline_value_coefficient)
     assert coefficients == (0.7, 0.1, 0.35)
-    assert (c3po.baseline_epochs, c3po.policy_epochs, c3po.trace_decay) == (20, 15, 0.0)
+    assert (c3po.baseline_epochs, c3po.policy_epochs, c3po.gae_lambda) == (20, 15, 0.0)
 
     evaluation = compose("evaluate", EvaluateConfig, ["scale=paper"])
     assert evaluation.num_episodes == 300
-    cartesian = compose("train_il", TrainILConfig, ["scale=paper", "representation=cartesian"]).representation
+    cartesian = compose("train_il", TrainILConfig, ["scale=paper", "observation=cartesian"]).observation
     assert cartesian.num_objects == (1, 2, 3, 4, 5, 6, 7)
 
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from pipelines import execution, generate_demos
-from pipelines.app import compose
 from pipelines.config import ExecutorConfig, GenerateDemosConfig
-from pipelines.tracking import open_run
+from pipelines.workflow.app import compose
+from pipelines.workflow.tracking import open_run
+from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.errors import ConfigError, DataError
 from visualrhp.learning import demonstrations
-from visualrhp.learning.demonstrations import DemonstrationSet
 
 SETTINGS = (
     "scale=smoke",
@@ -171,7 +171,7 @@ def test_a_whole_set_is_left_as_it_is_if_the_code_is_known(
     folder = published(tmp_path, reference)
     card = json.loads(reference["card.json"])
     for commit, is_known in (("1" * 40, True), (f"{'1' * 40}-dirty", False), (None, False)):
-        monkeypatch.setattr("pipelines.work.git_commit", lambda commit=commit: commit)
+        monkeypatch.setattr("pipelines.workflow.artefacts.git_commit", lambda commit=commit: commit)
         (folder / "card.json").write_text(json.dumps(card | {"commit": commit}))
         assert generate_demos.mend(configure(), folder, tmp_path / "work") == is_known
 
@@ -193,7 +193,7 @@ def test_a_full_disk_is_explained_keeps_finished_shards_and_is_gone_on_from(
 
     monkeypatch.setattr(demonstrations.np, "savez", on_a_full_disk)
     with (
-        pytest.raises(DataError, match=r"no space left .* start the same command again"),
+        pytest.raises(DataError, match=r"no space left .* rerun the command to resume"),
         generate_demos.a_full_disk_explained(tmp_path),
     ):
         generate(tmp_path)

@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 
 from pipelines import generate_demos
-from pipelines.app import compose
 from pipelines.config import GenerateDemosConfig
-from pipelines.tracking import open_run
+from pipelines.workflow.app import compose
+from pipelines.workflow.tracking import open_run
 
 sys.path.insert(0, str(Path(__file__).parent))
 import kills

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.app import CONFIG_FOLDER
+from pipelines.workflow.app import CONFIG_FOLDER
 
 REPOSITORY = CONFIG_FOLDER.parent
 STAGES_WITH_SWEEPS = ("generate_demos", "train_il", "train_rl", "evaluate", "report", "verify_demos", "export_demos")

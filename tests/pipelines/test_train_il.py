@@ -1,4 +1,4 @@
-"""Imitation of a few demonstrations: going on after a kill, networks of each representation, inputs that do not fit."""
+"""Imitation of a few demonstrations: going on after a kill, networks of each observation, inputs that do not fit."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 import torch
 
-from pipelines.app import compose
 from pipelines.config import TrainILConfig
-from pipelines.execution import single_threaded
 from pipelines.train_il import make_learner, summary, train_part
 from pipelines.training import parts_of
+from pipelines.workflow.app import compose
+from pipelines.workflow.executor import single_threaded
+from visualrhp.demonstrations.generate import generate_block
+from visualrhp.demonstrations.writer import DemonstrationWriter
 from visualrhp.errors import DataError
-from visualrhp.heuristics.checkpoint import load_network
-from visualrhp.learning.demonstrations import DemonstrationWriter, generate_block
+from visualrhp.heuristics.conversion import load_network
 from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution
 from visualrhp.simulation import Physics
@@ -47,7 +48,7 @@ def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def configure(folder: Path, *overrides: str) -> TrainILConfig:
-    shared = ["scale=smoke", "tracking=none", f"demonstrations={folder}", "representation=cartesian"]
+    shared = ["scale=smoke", "tracking=none", f"demonstrations={folder}", "observation=cartesian"]
     return compose("train_il", TrainILConfig, [*shared, *overrides])
 
 
@@ -71,14 +72,14 @@ def test_the_summary_leaves_times_out() -> None:
 
 
 def test_each_representation_has_its_networks(demonstrations: Path) -> None:
-    cartesian = configure(demonstrations, "representation.num_objects=[1,4]")
+    cartesian = configure(demonstrations, "observation.num_objects=[1,4]")
     assert [part.suffix for part in parts_of(cartesian)] == ["_m1", "_m4"]
     image = compose("train_il", TrainILConfig, ["scale=smoke", f"demonstrations={demonstrations}"])
     assert [part.suffix for part in parts_of(image)] == [""]
 
 
 def test_demonstrations_that_do_not_fit_are_refused(demonstrations: Path, tmp_path: Path) -> None:
-    other_density = configure(demonstrations, "representation.num_objects=[4]")
+    other_density = configure(demonstrations, "observation.num_objects=[4]")
     with pytest.raises(DataError, match="no demonstrations"):
         make_learner(other_density, parts_of(other_density)[0])
     other_space = configure(demonstrations, "action_space=discrete")

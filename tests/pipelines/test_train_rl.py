@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 import torch
 
-from pipelines.app import compose
 from pipelines.config import TrainRLConfig
-from pipelines.execution import single_threaded
 from pipelines.train_rl import _input_hashes, make_learner, summary, train_part
 from pipelines.training import parts_of
-from visualrhp.environments.task import ObservationFunction
+from pipelines.workflow.app import compose
+from pipelines.workflow.executor import single_threaded
 from visualrhp.errors import CheckpointError
-from visualrhp.heuristics.checkpoint import load_network, save_heuristic
+from visualrhp.heuristics.conversion import load_network, save_heuristic
 from visualrhp.heuristics.networks import make_network
+from visualrhp.observation import make_observation
 
 
 @pytest.fixture(autouse=True)
@@ -29,16 +29,16 @@ def one_thread():
 def outputs(tmp_path: Path) -> Path:
     torch.manual_seed(0)
     for action_space in ("continuous", "discrete"):
-        for representation, num_objects, suffix in (("cartesian", 1, "_m1"), ("image", None, "")):
-            network = make_network(action_space, ObservationFunction(representation, num_objects))
-            folder = tmp_path / "train_il" / action_space / representation
+        for observation, num_objects, suffix in (("cartesian", 1, "_m1"), ("image", None, "")):
+            network = make_network(action_space, make_observation(observation, num_objects))
+            folder = tmp_path / "train_il" / action_space / observation
             save_heuristic(folder / f"heuristic{suffix}.safetensors", network)
     return tmp_path
 
 
 def configure(outputs: Path, *overrides: str) -> TrainRLConfig:
     shared = ["scale=smoke", "tracking=none", "executor.num_workers=1", f"paths.outputs={outputs}"]
-    return compose("train_rl", TrainRLConfig, [*shared, "representation=cartesian", *overrides])
+    return compose("train_rl", TrainRLConfig, [*shared, "observation=cartesian", *overrides])
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:
@@ -101,7 +101,7 @@ def test_networks_that_do_not_fit_are_refused_before_any_work(outputs):
         _input_hashes(configure(outputs, f"heuristic={other_space}"))
     image = outputs / "train_il/continuous/image"
     (image / "heuristic.safetensors").rename(image / "heuristic_m1.safetensors")
-    with pytest.raises(CheckpointError, match="representation=cartesian"):
+    with pytest.raises(CheckpointError, match="observation=cartesian"):
         _input_hashes(configure(outputs, f"heuristic={image}"))
 
 

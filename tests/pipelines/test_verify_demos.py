@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from pipelines import verify_demos
-from pipelines.app import compose
 from pipelines.config import GenerateDemosConfig, VerifyDemosConfig
 from pipelines.generate_demos import _ingredients
 from pipelines.verify_demos import main, verify
-from pipelines.work import card
+from pipelines.workflow.app import compose
+from pipelines.workflow.artefacts import card
+from visualrhp.demonstrations.generate import generate_block
+from visualrhp.demonstrations.shards import read_arrays, write_arrays
+from visualrhp.demonstrations.writer import DemonstrationWriter
 from visualrhp.errors import DataError
-from visualrhp.learning.demonstrations import DemonstrationWriter, generate_block, read_arrays, write_arrays
 
 SETTINGS = ("scale=smoke", "tracking=none", "executor.num_workers=1")
 SPACES = ("continuous", "discrete")
@@ -53,7 +55,7 @@ def test_all_replay_and_are_counted(
 
 def altered(made: Path, folder: Path, entry: str, number: int, delta: float) -> Path:
     """A copy whose shard 1 has ``delta`` more in a number of an array, and the checksum of what it is now."""
-    from visualrhp.learning.demonstrations import file_hash
+    from visualrhp.demonstrations.dataset import file_hash
 
     folder.mkdir()
     for path in made.iterdir():
@@ -130,7 +132,7 @@ def test_no_set_and_a_damaged_one_are_named_and_the_command_fails(
 
 
 def test_blocks_are_the_set(made: tuple[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    from visualrhp.learning.demonstrations import DemonstrationSet
+    from visualrhp.demonstrations.dataset import DemonstrationSet
 
     monkeypatch.setattr(verify_demos, "_BLOCK_SIZE", 2)
     stored = DemonstrationSet.open(made[1])

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from tests.planning.conftest import LEFT, RIGHT, at
-from visualrhp.evaluation.episodes import run_task
+from visualrhp.execution.episode import run_task
 from visualrhp.planning import ClosedLoopKRRT, KinodynamicRRT, PlanningModel, SearchResult
-from visualrhp.scene import NOISE_LEVELS, SceneDistribution, Split
+from visualrhp.scene import NOISE_LEVELS, SceneDistribution, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, make_action_space
+from visualrhp.streams import Split
 from visualrhp.types import State
 
 SMALL = KinodynamicRRT(max_simulations=2000)
@@ -75,7 +76,7 @@ def test_it_is_open_loop_k_rrt_without_noise_and_recovers_with_it(action_space: 
         results = [
             run_task(
                 planner,
-                SceneDistribution(),
+                sample_task_instance(SceneDistribution(), 5, Split.TUNING, index),
                 5,
                 Split.TUNING,
                 index,

@@ -10,11 +10,12 @@ import pytest
 
 from tests.planning.conftest import LEFT, RIGHT, LineWorld, at
 from visualrhp.errors import ConfigError
-from visualrhp.evaluation.episodes import run_task
+from visualrhp.execution.episode import run_task
 from visualrhp.planning import DHRRT, KinodynamicRRT
 from visualrhp.planning.dhrrt import distance_to_target
-from visualrhp.scene import NOISE_LEVELS, ObjectShape, Scene, SceneDistribution, Split, TargetRegion
+from visualrhp.scene import NOISE_LEVELS, ObjectShape, Scene, SceneDistribution, TargetRegion, sample_task_instance
 from visualrhp.simulation import make_action_space
+from visualrhp.streams import Split
 
 
 def world_with_goal(goal: int) -> LineWorld:
@@ -70,7 +71,7 @@ def test_it_solves_tasks_in_a_world_that_departs_from_the_model(action_space: An
     results = [
         run_task(
             DHRRT(KinodynamicRRT(max_simulations=20000)),
-            SceneDistribution(),
+            sample_task_instance(SceneDistribution(), 5, Split.TUNING, index),
             5,
             Split.TUNING,
             index,

@@ -11,9 +11,10 @@ import pytest
 from tests.planning.conftest import LEFT, RIGHT
 from visualrhp.errors import ConfigError
 from visualrhp.planning import KinodynamicRRT, shorten_plan
-from visualrhp.scene import SceneDistribution, Split, TaskInstance, sample_task_instance
+from visualrhp.scene import SceneDistribution, TaskInstance, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, TransitionModel, make_action_space
-from visualrhp.types import Action, ActionSpaceName, Episode, State
+from visualrhp.streams import Split
+from visualrhp.types import Action, ActionSpaceName, Episode, Outcome, State
 
 ACTION_SPACES: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
 
@@ -135,7 +136,7 @@ def test_actions_that_a_plan_does_without_are_dropped(
     line_world: Callable[..., Any], actions: list[Action], shorter: list[Action]
 ) -> None:
     world = line_world(goal=3, edge=-5)
-    plan = episode_of(world, start(0), actions) if actions else Episode((start(3),), (), (), True, False)
+    plan = episode_of(world, start(0), actions) if actions else Episode((start(3),), (), (), Outcome.SUCCESS)
     world.simulated.clear()
     found, num_simulated = shorten_plan(world, plan)
     assert list(found.actions) == shorter and found.is_goal
@@ -178,7 +179,7 @@ def test_the_search_shortens_its_plan_on_request(action_space: ActionSpaceName) 
     [
         {"num_children": 0},
         {"num_directed": 9},
-        {"goal_bias": 0.8, "robot_bias": 0.3},
+        {"goal_bias": 0.8, "gripper_bias": 0.3},
         {"goal_bias": -0.1},
         {"gripper_persistence": 1.5},
         {"obstacle_weight": -1.0},

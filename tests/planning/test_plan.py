@@ -7,12 +7,12 @@ import pytest
 from tests.planning.conftest import RIGHT, at
 from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision
-from visualrhp.types import Episode
+from visualrhp.types import Episode, Outcome
 
 
 def plan_to_cell_2() -> Plan:
     states = tuple(at(cell) for cell in (0, 1, 2))
-    return Plan(Episode(states, (RIGHT, RIGHT), (-1.0, -1.0), is_goal=True, is_dropped=False))
+    return Plan(Episode(states, (RIGHT, RIGHT), (-1.0, -1.0), Outcome.SUCCESS))
 
 
 def test_it_is_followed_to_its_end_and_shows_what_is_left() -> None:
@@ -36,7 +36,7 @@ def test_it_foresees_the_state_of_its_next_action_alone() -> None:
     assert not plan.foresees(at(2)), "nothing is left to be done there"
 
 
-@pytest.mark.parametrize("episode", [None, Episode((at(0),), (), (), is_goal=True, is_dropped=False)])
+@pytest.mark.parametrize("episode", [None, Episode((at(0),), (), (), Outcome.SUCCESS)])
 def test_no_plan_gives_up_and_foresees_nothing(episode: Episode | None) -> None:
     plan = Plan(episode)
     assert plan.follow() == Decision(action=None) and not plan.foresees(at(0)) and list(plan.actions) == []

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visualrhp.environments.task import ObservationFunction
 from visualrhp.errors import ConfigError
+from visualrhp.heuristics.conversion import heuristic_of
 from visualrhp.heuristics.heuristic import Guidance, Heuristic, SoftmaxGuidance
-from visualrhp.heuristics.learned import LearnedHeuristic
 from visualrhp.heuristics.networks import ActorCritic
+from visualrhp.observation import make_observation
 from visualrhp.planning import Decision, Greedy, RecedingHorizon
 from visualrhp.planning.planner import Timing
-from visualrhp.scene import Scene, SceneDistribution, Split, sample_task_instance
+from visualrhp.scene import Scene, SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.streams import Split
 from visualrhp.types import Action, ActionSpaceName, State, Transition
 
 RIGHT, LEFT, STAY, BREAK = 0, 1, 2, 7
@@ -228,7 +229,7 @@ def decide_in_time(
     heuristic = ScriptedHeuristic({cell: -float(cell) for cell in range(99)}, script)
     heuristic.guide = clock.spend(1.0, heuristic.guide)
     world.simulate = clock.spend(1.0, world.simulate)
-    planner = RecedingHorizon(heuristic, n, h, GAMMA, deadline_s=deadline_s, clock=clock)
+    planner = RecedingHorizon(heuristic, num_rollouts=n, horizon=h, discount=GAMMA, deadline_s=deadline_s, clock=clock)
     decision = planner.plan(world, start(5), np.random.default_rng(0))
     return decision, clock.now - 100.0
 
@@ -293,7 +294,7 @@ def test_several_tasks_share_a_deadline(line_world: Callable[..., Any]) -> None:
     worlds = [line_world(goal=90) for _ in range(3)]
     for world in worlds:
         world.simulate = clock.spend(1.0, world.simulate)
-    planner = RecedingHorizon(heuristic, 1, 1, deadline_s=2.0, clock=clock)
+    planner = RecedingHorizon(heuristic, num_rollouts=1, horizon=1, deadline_s=2.0, clock=clock)
     decisions = planner.plan_batch(worlds, [start(9)] * 3, [np.random.default_rng(i) for i in range(3)])
     assert clock.now == 102.0
     assert [len(decision.rollouts) for decision in decisions] == [0, 0, 0]
@@ -333,7 +334,7 @@ def test_a_deadline_is_kept_with_a_real_clock_world_and_network() -> None:
             durations.append(time.process_time() - began)
             return transition
 
-    heuristic = LearnedHeuristic(ActorCritic(ObservationFunction("image")))
+    heuristic = heuristic_of(ActorCritic(make_observation("image")))
     planner = RecedingHorizon(heuristic, deadline_s=0.02, clock=time.process_time)
     planner.plan(model, task.state, np.random.default_rng(0))  # what is done once, is done
     late, counts = [], []

@@ -96,7 +96,7 @@ def test_what_drops_or_diverges_is_crossed_out():
 def random_paths(rng, count, depth):
     paths = []
     for number in range(count):
-        robots = np.cumsum(np.vstack([START.robot_pose[:2], rng.uniform(-0.1, 0.1, (depth, 2))]), axis=0)[1:]
+        robots = np.cumsum(np.vstack([START.gripper_pose[:2], rng.uniform(-0.1, 0.1, (depth, 2))]), axis=0)[1:]
         paths.append(path(float(rng.uniform(-60.0, -1.0)), *robots, is_chosen=number == 0))
     return paths
 
@@ -113,7 +113,7 @@ def test_returns_are_written_whole_and_apart(size_px, size):
         taken = [(size_px - 90, 5, size_px - 5, 90)]
         boxes = draw_returns(picture.copy(), canvas, paths, taken)
         written += len(boxes)
-        ends = [canvas.frame_pixels(one.states[-1].robot_pose[None, :2])[0] for one in paths]
+        ends = [canvas.frame_pixels(one.states[-1].gripper_pose[None, :2])[0] for one in paths]
         for index, (left, top, right, bottom) in enumerate(boxes):
             assert 0 < left < right < size_px and 0 < top < bottom < size_px
             for x, y in ends:

@@ -9,9 +9,10 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from visualrhp.errors import SceneError
-from visualrhp.scene import ObjectShape, SceneDistribution, Split, geometry, sample_task_instance
+from visualrhp.scene import ObjectShape, SceneDistribution, geometry, sample_task_instance
 from visualrhp.scene.decomposition import convex_parts
 from visualrhp.scene.polygons import MIN_OBJECT_AREA, MIN_OBJECT_THICKNESS, polygon_fault
+from visualrhp.streams import Split
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
 U_SHAPE = [[0, 0], [0.08, 0], [0.08, 0.06], [0.06, 0.06], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]

@@ -14,12 +14,12 @@ from visualrhp.scene import (
     ObjectShape,
     Scene,
     SceneDistribution,
-    Split,
     TargetRegion,
     geometry,
     perturb,
     sample_task_instance,
 )
+from visualrhp.streams import Split
 
 HEXAGON = 0.03 * np.stack([np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)], axis=1)
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]

@@ -9,17 +9,9 @@ import pytest
 import shapely
 
 from visualrhp.errors import ConfigError
-from visualrhp.scene import (
-    Graspability,
-    SceneDistribution,
-    Split,
-    check_start,
-    generator_for,
-    geometry,
-    graspability,
-    sample_task_instance,
-)
+from visualrhp.scene import Graspability, SceneDistribution, check_start, geometry, graspability, sample_task_instance
 from visualrhp.scene.sampling import SIZE_CLASSES
+from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import ObjectSize
 
 
@@ -34,11 +26,13 @@ def test_start_is_free_of_contact_and_unsolved(size: ObjectSize) -> None:
             for shape, pose in zip(scene.objects, state.object_poses, strict=True)
         ]
         assert all(shapely.Polygon(scene.edges).contains(body) for body in bodies)
-        bodies.append(shapely.union_all([shapely.Polygon(o) for o in scene.gripper.outlines(state.robot_pose, 0.085)]))
+        bodies.append(
+            shapely.union_all([shapely.Polygon(o) for o in scene.gripper.outlines(state.gripper_pose, 0.085)])
+        )
         gaps = [a.distance(b) for i, a in enumerate(bodies) for b in bodies[:i]]
         assert min(gaps, default=1.0) >= distribution.clearance
         assert np.hypot(*(state.object_poses[0, :2] - scene.target.position)) > scene.target.radius
-        assert geometry.contains(scene.edges, *state.robot_pose[:2])
+        assert geometry.contains(scene.edges, *state.gripper_pose[:2])
         assert not state.gripper_closed
         check_start(scene, state)
 
@@ -59,11 +53,11 @@ def test_an_instance_depends_on_seed_split_and_index_alone() -> None:
 
 
 def test_streams_of_one_index_are_independent() -> None:
-    streams = [generator_for(0, Split.TUNING, 3), *(generator_for(0, Split.TUNING, 3, purpose) for purpose in (1, 2))]
+    streams = [generator_for(0, Split.TUNING, 3, use) for use in (Stream.INSTANCE, Stream.PLANNER, Stream.NOISE)]
     assert len({stream.integers(2**63) for stream in streams}) == 3
 
 
-def test_density_is_uniform_over_its_range() -> None:
+def test_number_of_objects_is_uniform_over_its_range() -> None:
     distribution = SceneDistribution(num_objects=(1, 4), object_size="small")
     counts = np.bincount(
         [sample_task_instance(distribution, 0, Split.TUNING, i).scene.num_objects for i in range(400)], minlength=5

@@ -19,16 +19,16 @@ from visualrhp.scene import (
     ObjectShape,
     Scene,
     SceneDistribution,
-    Split,
     TargetRegion,
     TaskInstance,
     geometry,
     sample_task_instance,
 )
 from visualrhp.simulation import ContinuousActionSpace, GripperMotion, Physics
+from visualrhp.simulation.chipmunk import ChipmunkWorld
+from visualrhp.simulation.rules import is_dropped
 from visualrhp.simulation.simulator import Simulator
-from visualrhp.simulation.task import is_dropped
-from visualrhp.simulation.world import World
+from visualrhp.streams import Split
 from visualrhp.types import State
 
 KINDS = ("random", "towards objects", "jam", "edge", "slivers", "hooks", "crowd")
@@ -71,7 +71,7 @@ def overlap(scene: Scene, state: State, depth: float) -> bool:
     """Whether two bodies still overlap when half of ``depth`` [m] is taken off the border of each."""
     placed = zip(scene.objects, state.object_poses, strict=True)
     bodies = [shapely.Polygon(geometry.to_world(shape.outline, pose)) for shape, pose in placed]
-    gripper = scene.gripper.outlines(state.robot_pose, state.gripper_opening)
+    gripper = scene.gripper.outlines(state.gripper_pose, state.gripper_opening)
     bodies.append(shapely.union_all([shapely.Polygon(outline) for outline in gripper]))
     first, second = np.triu_indices(len(bodies), 1)
     solid = np.array(bodies)
@@ -99,7 +99,7 @@ def instance_of(kind: str, index: int) -> TaskInstance:
         poses = instance.state.object_poses.copy()
         poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
         poses[:, :2] += rng.normal(0.0, 0.02, (count, 2))
-        state = State.create(instance.state.robot_pose, 0.085, False, poses)
+        state = State.create(instance.state.gripper_pose, 0.085, False, poses)
         if not overlap(scene, state, 1e-6) and not is_dropped(scene, state):
             return TaskInstance(scene, state)
         instance = sample_task_instance(
@@ -112,9 +112,9 @@ def action_of(kind: str, state: State, number: int, rng: np.random.Generator) ->
     uniform = rng.uniform(-1.0, 1.0, 4)
     if kind == "random" or rng.random() < 0.15:
         return uniform
-    x, y, theta = state.robot_pose
+    x, y, theta = state.gripper_pose
     if kind == "edge":  # along the border
-        aim = 0.23 * np.sign(state.robot_pose[:2]) - (x, y)
+        aim = 0.23 * np.sign(state.gripper_pose[:2]) - (x, y)
     else:
         aim = state.object_poses[rng.integers(state.num_objects), :2] - (x, y)
     forward, left = aim @ geometry.rotation_matrix(theta)
@@ -134,13 +134,13 @@ def soak(kind: str, index: int) -> Findings:
     rng = np.random.default_rng([index, KINDS.index(kind)])
     state = instance.state
     speeds: list[float] = []
-    measure = World.top_speed
+    measure = ChipmunkWorld.top_speed
 
-    def watched(world: World, of: object) -> float:
+    def watched(world: ChipmunkWorld, of: object) -> float:
         speeds.append(measure(world, of))
         return speeds[-1]
 
-    with mock.patch.object(World, "top_speed", watched):
+    with mock.patch.object(ChipmunkWorld, "top_speed", watched):
         for number in range(_ACTIONS_PER_SCENE):
             following = simulator.advance(state, space.motion(action_of(kind, state, number, rng)))
             assert np.isfinite(following.vector).all()

@@ -16,15 +16,15 @@ from visualrhp.scene import (
     ObjectShape,
     Scene,
     SceneDistribution,
-    Split,
     TargetRegion,
     geometry,
     graspability,
     sample_task_instance,
 )
 from visualrhp.simulation import DiscreteActionSpace, GripperMotion, Physics, TransitionModel
+from visualrhp.simulation.chipmunk import ChipmunkWorld, lib
 from visualrhp.simulation.simulator import Simulator, add_object
-from visualrhp.simulation.world import World, lib
+from visualrhp.streams import Split
 from visualrhp.types import State, wrap_angle
 
 BOX = ObjectShape([[-0.02, -0.015], [0.02, -0.015], [0.02, 0.015], [-0.02, 0.015]])
@@ -41,8 +41,8 @@ def test_free_motion_arrives_where_commanded() -> None:
     scene = Scene(TARGET, (BOX,))
     start = State.create([0.0, 0.0, 0.4], 0.085, False, [[-0.2, -0.2, 0.0]])
     end = Simulator(scene, Physics()).advance(start, GripperMotion(forward=0.1, left=-0.05, rotation=0.8))
-    expected = geometry.to_world(np.array([0.1, -0.05]), start.robot_pose)
-    assert end.robot_pose == pytest.approx([*expected, 1.2], abs=1e-3)
+    expected = geometry.to_world(np.array([0.1, -0.05]), start.gripper_pose)
+    assert end.gripper_pose == pytest.approx([*expected, 1.2], abs=1e-3)
     assert end.object_poses == pytest.approx(start.object_poses, abs=0.0)
 
 
@@ -61,7 +61,7 @@ def test_opening_follows_the_command() -> None:
 
 def slide(shape: ObjectShape, velocity: tuple[float, float], spin: float) -> tuple[float, float]:
     """Distance [m] and angle [rad] that an object with an initial velocity moves until friction stops it."""
-    world = World(num_bodies=1, num_shapes=3, num_joints=5)
+    world = ChipmunkWorld(num_bodies=1, num_shapes=3, num_joints=5)
     body = add_object(world, shape, 9.81)
     world.freeze()
     space = world.begin([0.0, 0.0, 0.0])
@@ -103,7 +103,7 @@ def push(shape: ObjectShape, contact: np.ndarray, velocity: np.ndarray) -> np.nd
 
     The tip touches the left face at ``contact`` (from the centre) and moves with ``velocity`` [m/s].
     """
-    world = World(num_bodies=2, num_shapes=2, num_joints=5)
+    world = ChipmunkWorld(num_bodies=2, num_shapes=2, num_joints=5)
     tip = world.add_body(0.0, 0.0, [np.array([[0.0, 0.0], [-0.01, 0.0008], [-0.01, -0.0008]])], friction=3.3)
     body = add_object(world, shape, 9.81)
     world.freeze()
@@ -162,7 +162,7 @@ def test_heavier_and_rougher_objects_resist_more() -> None:
     forces = {}
     for density, friction in ((1.0, 0.3), (2.0, 0.3), (1.0, 0.6)):
         shape = ObjectShape(BROAD.outline, density, friction)
-        world = World(num_bodies=3, num_shapes=2, num_joints=6)
+        world = ChipmunkWorld(num_bodies=3, num_shapes=2, num_joints=6)
         drive = world.add_body(0.0, 0.0)
         pusher = world.add_body(0.01, 1e30, [np.array([[-0.02, -0.01], [0.0, -0.01], [0.0, 0.01], [-0.02, 0.01]])])
         add_object(world, shape, 9.81)
@@ -189,7 +189,7 @@ def test_momentum_and_energy_never_grow() -> None:
             ObjectShape(shape.outline, rng.uniform(0.5, 2.0), friction)
             for shape in (rng.choice(np.array([BOX, BROAD, HOOK, DISC], dtype=object)) for _ in range(2))
         ]
-        world = World(num_bodies=2, num_shapes=6, num_joints=10)
+        world = ChipmunkWorld(num_bodies=2, num_shapes=6, num_joints=10)
         bodies = [add_object(world, shape, 9.81) for shape in shapes]
         world.freeze()
         angles = rng.uniform(-np.pi, np.pi, 2)
@@ -234,10 +234,10 @@ def holds_and_releases(shape: ObjectShape, angle: float) -> tuple[bool, bool]:
     ahead = max(0.0, Gripper().palm[:, 0].max() + 0.001 - backmost)
     state = State.create([0.0, 0.0, 0.0], 0.085, False, [[ahead, 0.0, angle]])
     state = simulator.advance(state, GripperMotion(closed=True))
-    grasped = geometry.to_body(state.object_poses[0, :2], state.robot_pose)
+    grasped = geometry.to_body(state.object_poses[0, :2], state.gripper_pose)
     for motion in HELD:
         state = simulator.advance(state, motion)
-    moved = geometry.to_body(state.object_poses[0, :2], state.robot_pose)
+    moved = geometry.to_body(state.object_poses[0, :2], state.gripper_pose)
     before = state.object_poses[0, :2]
     for motion in (GripperMotion(closed=False), GripperMotion(forward=-0.1)):
         state = simulator.advance(state, motion)
@@ -302,7 +302,7 @@ def test_nothing_passes_through_anything() -> None:
         state = simulator.advance(State.create([0.0, 0.0, 0.0], 0.085, False, poses), motion)
         places = state.object_poses[:, :2] @ ahead
         assert (np.diff(places) > 0.001).all()
-        assert places[0] - state.robot_pose[:2] @ ahead > 0.02
+        assert places[0] - state.gripper_pose[:2] @ ahead > 0.02
         assert not overlap(simulator.scene, state, 0.002)
 
 
@@ -313,7 +313,7 @@ def test_an_object_that_is_not_convex_collides_as_drawn() -> None:
     start = State.create([0.0, 0.0, 0.0], 0.0, True, [[*(corner + (0.05, 0.02)), -np.pi]])  # it turns that way, too
     hull = shapely.Polygon(geometry.to_world(HOOK.outline, start.object_poses[0])).convex_hull
     inside = simulator.advance(start, GripperMotion(forward=0.01))
-    fingers = [shapely.Polygon(outline) for outline in simulator.scene.gripper.outlines(inside.robot_pose, 0.0)[1:]]
+    fingers = [shapely.Polygon(outline) for outline in simulator.scene.gripper.outlines(inside.gripper_pose, 0.0)[1:]]
     assert any(hull.intersection(finger).area > 1e-5 for finger in fingers)
     assert np.array_equal(inside.object_poses, start.object_poses)
     pushed = simulator.advance(inside, GripperMotion(forward=0.05))

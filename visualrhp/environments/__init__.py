@@ -5,7 +5,6 @@ to import and few users of the Gymnasium environment need it.
 """
 
 from visualrhp.environments.clutter_manipulation import ClutterManipulation
-from visualrhp.environments.task import ClutterTask, ObservationFunction, ObservationName, Outcome
 from visualrhp.environments.wrappers import ColourImage
 
-__all__ = ["ClutterManipulation", "ClutterTask", "ColourImage", "ObservationFunction", "ObservationName", "Outcome"]
+__all__ = ["ClutterManipulation", "ColourImage"]

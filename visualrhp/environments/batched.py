@@ -11,15 +11,16 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from visualrhp.environments.crew import Crew, make_crew
+from visualrhp.environments.backends import Backend, make_backend
 from visualrhp.environments.slots import TaskFamily
-from visualrhp.environments.task import NUM_LABELS, ObservationFunction, ObservationName
 from visualrhp.errors import ActionError, CheckpointError, ConfigError
-from visualrhp.scene.sampling import SceneDistribution, Split, sample_task_instance
+from visualrhp.observation import observation_for
+from visualrhp.scene.sampling import SceneDistribution
 from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
+from visualrhp.streams import Split
 from visualrhp.types import ActionSpaceName, State
 
 _SHOWN = ("observation", "gripper_closed", "state", "instance", "is_goal", "is_dropped")
@@ -30,8 +31,8 @@ class BatchedClutterEnv(EnvBase):
 
     One environment holds all tasks because the step of a torchrl environment costs as much as simulating an action.
     Slot i solves task instances i, i + N, i + 2 N, ... of (distribution, seed, split), so the tasks do not depend on
-    who finishes first. Scenes, states and models are Python objects that a planner can work on (:attr:`scenes`,
-    :attr:`states`, :attr:`models`).
+    the order in which episodes end. Scenes, states and models are Python objects that a planner can work on
+    (:attr:`scenes`, :attr:`states`, :attr:`models`).
 
     Entries of the tensordicts (N slots):
 
@@ -60,13 +61,15 @@ class BatchedClutterEnv(EnvBase):
         seed: of the task instances.
         split: stream of the task instances.
         physics: of the simulation.
-        num_workers: processes that simulate and draw, each a share of the slots; 0 is this process. None chooses: a
-            process a core, if there are several and each gets 16 slots or more. Results do not depend on it. Workers
+        num_workers: processes that simulate and draw, each a share of the slots; 0 is this process. None chooses: one
+            process per core, if there are several and each gets enough slots (see
+            :mod:`visualrhp.environments.backends`). Results do not depend on it. Workers
             start with the first reset and end with :meth:`close`, the environment or this process.
 
     Attributes:
         observe: scene and state -> observation.
         action_space: the action space.
+        backend: steps the slots; None before the first ``reset`` and after :meth:`close`.
 
     Raises:
         ConfigError: an argument is unknown or out of range.
@@ -76,7 +79,7 @@ class BatchedClutterEnv(EnvBase):
         self,
         distribution: SceneDistribution,
         action_space: ActionSpaceName,
-        observation: ObservationName = "image",
+        observation: str = "image",
         num_envs: int = 10,
         seed: int = 0,
         split: Split = Split.REINFORCEMENT,
@@ -91,12 +94,12 @@ class BatchedClutterEnv(EnvBase):
         self.distribution = distribution
         self.split = split
         self._instance_seed = seed
-        self.observe = ObservationFunction.for_distribution(observation, distribution)
+        self.observe = observation_for(observation, distribution)
         self.action_space = make_action_space(action_space)
         self._family = TaskFamily(distribution, split, self.action_space.name, self.observe, physics or Physics())
         self._num_workers = num_workers
         self._next_indices = list(range(num_envs))
-        self._crew: Crew | None = None
+        self.backend: Backend | None = None
         self._make_specs()
 
     @property
@@ -106,7 +109,7 @@ class BatchedClutterEnv(EnvBase):
 
     @property
     def scenes(self) -> list[Scene]:
-        """The N scenes that are being worked on."""
+        """The N scenes of the running episodes."""
         return self._started.scenes
 
     @property
@@ -122,32 +125,32 @@ class BatchedClutterEnv(EnvBase):
     @property
     def instances(self) -> list[int]:
         """Indices of the N task instances."""
-        return self._started.board.instance.tolist()
+        return self._started.arrays.instance.tolist()
 
     @property
     def num_actions(self) -> list[int]:
         """How many actions each of the N episodes has taken."""
-        return self._started.board.num_actions.tolist()
+        return self._started.arrays.num_actions.tolist()
 
     @property
-    def _started(self) -> Crew:
-        if self._crew is None:
+    def _started(self) -> Backend:
+        if self.backend is None:
             raise ActionError("the environment has no tasks yet, or was closed; call reset first")
-        return self._crew
+        return self.backend
 
-    def _crew_at_work(self) -> Crew:
-        """Who simulates, called to work when needed first."""
-        if self._crew is None:
-            self._crew = make_crew(self._family, self.num_envs, self._num_workers)
+    def _lazy_backend(self) -> Backend:
+        """The backend that simulates, created lazily."""
+        if self.backend is None:
+            self.backend = make_backend(self._family, self.num_envs, self._num_workers)
             self.is_closed = False
-        return self._crew
+        return self.backend
 
     def _make_specs(self) -> None:
         batch = self.batch_size
         shape = torch.Size([*batch, *self.observe.shape])
         self.observation_spec = Composite(
-            observation=Categorical(NUM_LABELS, shape=shape, dtype=torch.uint8)
-            if self.observe.name == "image"
+            observation=Categorical(int(self.observe.high) + 1, shape=shape, dtype=torch.uint8)
+            if self.observe.dtype is np.uint8
             else Unbounded(shape=shape, dtype=torch.float32),
             gripper_closed=Categorical(2, shape=batch, dtype=torch.bool),
             state=Unbounded(shape=torch.Size([*batch, self._family.state_dimension]), dtype=torch.float64),
@@ -174,31 +177,31 @@ class BatchedClutterEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         chosen = None if tensordict is None else tensordict.get("_reset", None)
         slots = list(range(self.num_envs))
-        if chosen is not None and self._crew is not None:
+        if chosen is not None and self.backend is not None:
             slots = chosen.reshape(self.num_envs).nonzero()[:, 0].tolist()
-        self._crew_at_work().start(self._instance_seed, slots, [self._next_indices[slot] for slot in slots])
+        self._lazy_backend().start(self._instance_seed, slots, [self._next_indices[slot] for slot in slots])
         for slot in slots:
             self._next_indices[slot] += self.num_envs
         return self.current()
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        crew, board = self._started, self._started.board
+        backend, arrays = self._started, self._started.arrays
         actions: Any = tensordict["action"]
-        board.action[:] = self._checked(actions.numpy())
-        # torchrl's way to leave out the tasks that are over while it waits for the others
+        arrays.action[:] = self._checked(actions.numpy())
+        # set by torchrl for the tasks that are over while it waits for the others
         active = tensordict.get("_step", None)
-        board.is_active[:] = True if active is None else active.reshape(self.num_envs).numpy()
-        board.reward[:] = 0.0
-        crew.act()
-        entries = self._shown(crew)
+        arrays.is_active[:] = True if active is None else active.reshape(self.num_envs).numpy()
+        arrays.reward[:] = 0.0
+        backend.act()
+        entries = self._shown(backend)
         for key in ("reward", "terminated", "truncated"):
-            entries[key] = torch.from_numpy(getattr(board, key)[:, None].copy())
-        entries["done"] = torch.from_numpy((board.terminated | board.truncated)[:, None])
+            entries[key] = torch.from_numpy(getattr(arrays, key)[:, None].copy())
+        entries["done"] = torch.from_numpy((arrays.terminated | arrays.truncated)[:, None])
         # as torchrl's own environments do: checking the shapes costs more than the rest of this method
         return TensorDict._new_unsafe(entries, batch_size=self.batch_size, device=self.device)
 
     def _checked(self, actions: np.ndarray) -> np.ndarray:
-        """The actions, if all are of the action space: a batch is carried out as a whole or not at all."""
+        """The actions, if all are of the action space: a batch is executed as a whole or not at all."""
         if self.action_space.name == "discrete":
             if not ((actions >= 0) & (actions < DiscreteActionSpace.NUM_ACTIONS)).all():
                 raise ActionError(
@@ -208,19 +211,19 @@ class BatchedClutterEnv(EnvBase):
             raise ActionError(f"continuous actions are finite numbers, not {actions}")
         return actions
 
-    def _shown(self, crew: Crew) -> dict[str, torch.Tensor]:
-        """Copies of what the agents see: the board is written over by the next step."""
-        return {key: torch.from_numpy(getattr(crew.board, key).copy()) for key in _SHOWN}
+    def _shown(self, backend: Backend) -> dict[str, torch.Tensor]:
+        """Copies of the observations: the next step overwrites the arrays."""
+        return {key: torch.from_numpy(getattr(backend.arrays, key).copy()) for key in _SHOWN}
 
     def current(self) -> TensorDict:
-        """What an agent sees now, as ``reset`` returns it (no episode is over)."""
+        """The current observations, as ``reset`` returns them (no episode is over)."""
         flags = {key: torch.zeros(*self.batch_size, 1, dtype=torch.bool) for key in ("done", "terminated", "truncated")}
         causes = {key: torch.zeros(*self.batch_size, dtype=torch.bool) for key in ("is_goal", "is_dropped")}
         entries = {**self._shown(self._started), **causes, **flags}
         return TensorDict(entries, batch_size=self.batch_size, device=self.device)
 
     def recall(self, instances: torch.Tensor, states: torch.Tensor) -> TensorDict:
-        """What an agent saw in earlier states of this environment.
+        """Observations of earlier states of this environment.
 
         Args:
             instances: [K] int64, indices of task instances.
@@ -233,7 +236,7 @@ class BatchedClutterEnv(EnvBase):
         observations, closed = [], []
         for index, row in zip(instances.tolist(), states.numpy(), strict=True):
             if index not in scenes:
-                scenes[index] = sample_task_instance(self.distribution, self._instance_seed, self.split, index)
+                scenes[index] = self._family.instance(self._instance_seed, index)
             instance = scenes[index]
             state = State(row[: instance.state.vector.size])
             observations.append(self.observe(instance.scene, state))
@@ -242,20 +245,20 @@ class BatchedClutterEnv(EnvBase):
         return TensorDict(entries, batch_size=[len(closed)])
 
     def snapshot(self) -> dict[str, torch.Tensor]:
-        """Where each of the N tasks stands, to be stored in a checkpoint: N rows each."""
-        board = self._started.board
+        """The state of the N tasks, to be stored in a checkpoint: N rows each."""
+        arrays = self._started.arrays
         return {
-            "state": torch.from_numpy(board.state.copy()),
-            "instance": torch.from_numpy(board.instance.copy()),
-            "num_actions": torch.from_numpy(board.num_actions.copy()),
+            "state": torch.from_numpy(arrays.state.copy()),
+            "instance": torch.from_numpy(arrays.instance.copy()),
+            "num_actions": torch.from_numpy(arrays.num_actions.copy()),
             "next_index": torch.tensor(self._next_indices),
         }
 
     def restore(self, snapshot: Mapping[str, torch.Tensor]) -> TensorDict:
-        """Go on, to the bit, from a :meth:`snapshot` of an environment made with the same arguments.
+        """Resume bit-exactly from a :meth:`snapshot` of an environment made with the same arguments.
 
         Returns:
-            what an agent sees then (:meth:`current`).
+            the current observations (:meth:`current`).
 
         Raises:
             CheckpointError: the snapshot is of an environment of another size.
@@ -268,20 +271,20 @@ class BatchedClutterEnv(EnvBase):
             )
         self._next_indices = snapshot["next_index"].tolist()
         instances, num_actions = snapshot["instance"].tolist(), snapshot["num_actions"].tolist()
-        self._crew_at_work().resume(self._instance_seed, instances, num_actions, snapshot["state"].numpy())
+        self._lazy_backend().resume(self._instance_seed, instances, num_actions, snapshot["state"].numpy())
         return self.current()
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """End the worker processes, if there are any; a later ``reset`` starts them again."""
         super().close(raise_if_closed=raise_if_closed)
-        crew, self._crew = self._crew, None
-        if crew is not None:
-            crew.close()
+        backend, self.backend = self.backend, None
+        if backend is not None:
+            backend.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on where this environment stands, with a crew of its own."""
-        state = {**super().__getstate__(), "_crew": None}
-        return {**state, "_snapshot": None if self._crew is None else self.snapshot()}
+        """A copy continues from the state of this environment, with its own backend."""
+        state = {**super().__getstate__(), "backend": None}
+        return {**state, "_snapshot": None if self.backend is None else self.snapshot()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         snapshot = state.pop("_snapshot")

@@ -9,23 +9,22 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.environments.task import NUM_LABELS, ClutterTask, ObservationFunction, ObservationName
 from visualrhp.errors import ActionError, ConfigError, SceneError
-from visualrhp.rendering.label_image import IMAGE_SIZE
-from visualrhp.scene.sampling import SceneDistribution, Split
+from visualrhp.execution.episode import RunningEpisode
+from visualrhp.execution.world import SimulatedWorld
+from visualrhp.observation import observation_for
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.scene.start import check_start
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.transition_model import TransitionModel
-from visualrhp.types import Action, ActionSpaceName, ObjectSize, State
+from visualrhp.streams import Split
+from visualrhp.types import Action, ActionSpaceName, ObjectSize, Outcome, State
 
 RESET_OPTIONS = ("instance", "scene", "state")
 """What ``reset`` takes as options."""
 
 _SEED_BOUND = 2**31
-_FEATURE_BOUND = 2000.0
-"""No feature gets this large: bodies of a scene that is given lie within 283 m of each other, which is 1132 in units of
-the features, and 49 actions move the gripper by 7 m, which is 28."""
 
 
 class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
@@ -55,7 +54,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
 
     Task instances are a function of (seed, split, episode): ``reset(seed=s)`` starts instance 0 of seed s, every later
     ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k. ``reset(options={"scene": scene,
-    "state": state})`` starts a task of the caller's own from exactly there, and takes no instance off the stream;
+    "state": state})`` starts a user-defined task from exactly there, and takes no instance off the stream;
     without ``scene`` it is that of the running episode.
 
     Args:
@@ -75,7 +74,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
     def __init__(
         self,
         action_space: ActionSpaceName = "continuous",
-        observation: ObservationName = "image",
+        observation: str = "image",
         num_objects: int | tuple[int, int] = (1, 7),
         object_size: ObjectSize = "mixed",
         split: Split = Split.REINFORCEMENT,
@@ -85,14 +84,15 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
             raise ConfigError(f"render_mode is {render_mode!r}; choose None or rgb_array")
         distribution = SceneDistribution(num_objects=_bounds(num_objects), object_size=object_size)
         self.render_mode = render_mode
-        self._observe = ObservationFunction.for_distribution(observation, distribution)
+        self._observe = observation_for(observation, distribution)
         self._split = _split(split)
         self._instance_seed: int | None = None
         self._next_index = 0
-        self._is_started = False
+        self._distribution = distribution
         self._actions = make_action_space(action_space)
         self._is_discrete = self._actions.name == "discrete"
-        self._task = ClutterTask(distribution, self._actions)
+        self._episode: RunningEpisode | None = None
+        self._index = -1  # of the task instance; -1 for one that the caller gave
         self.action_space = self._action_box()
         self.observation_space = gymnasium.spaces.Dict(
             {"observation": self._observation_box(), "gripper_closed": gymnasium.spaces.Discrete(2)}
@@ -104,9 +104,8 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return gymnasium.spaces.Box(-1.0, 1.0, (ContinuousActionSpace.DIMENSION,), np.float32)
 
     def _observation_box(self) -> gymnasium.spaces.Box:
-        if self._observe.name == "image":
-            return gymnasium.spaces.Box(0, NUM_LABELS - 1, (IMAGE_SIZE, IMAGE_SIZE), np.uint8)
-        return gymnasium.spaces.Box(-_FEATURE_BOUND, _FEATURE_BOUND, self._observe.shape, np.float32)
+        observe = self._observe
+        return gymnasium.spaces.Box(observe.low, observe.high, observe.shape, observe.dtype)
 
     @property
     def scene(self) -> Scene:
@@ -115,7 +114,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         Raises:
             ActionError: before the first ``reset``.
         """
-        return self._running().instance.scene
+        return self._running().scene
 
     @property
     def state(self) -> State:
@@ -133,12 +132,14 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         Raises:
             ActionError: before the first ``reset``.
         """
-        return self._running().model
+        world = self._running().world
+        assert isinstance(world, SimulatedWorld)
+        return world.model
 
-    def _running(self) -> ClutterTask:
-        if not self._is_started:
+    def _running(self) -> RunningEpisode:
+        if self._episode is None:
             raise ActionError("no episode is running; call reset first")
-        return self._task
+        return self._episode
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -146,7 +147,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         """Begin the next task instance, or the one chosen by ``seed`` and ``options`` (see the class).
 
         Raises:
-            ConfigError: an option is unknown, or contradicts another. As with the next, nothing has changed then.
+            ConfigError: an option is unknown, or contradicts another. After an error nothing has changed.
             SceneError: the scene and the state cannot be simulated, or not be shown with Cartesian observations.
         """
         options = options or {}
@@ -157,14 +158,13 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
             self._instance_seed, self._next_index = seed, 0
         elif self._instance_seed is None:
             self._instance_seed = int(self.np_random.integers(_SEED_BOUND))
-        if given is not None:
-            self._task.begin(given)
-        else:
-            self._next_index = self._next_index if index is None else index
-            self._task.start(self._instance_seed, self._split, self._next_index)
-            self._next_index += 1
-        self._is_started = True
-        return self._observation(), self._info(is_goal=False, is_dropped=False)
+        self._index = -1
+        if given is None:
+            self._index = self._next_index if index is None else index
+            given = sample_task_instance(self._distribution, self._instance_seed, self._split, self._index)
+            self._next_index = self._index + 1
+        self._episode = RunningEpisode(SimulatedWorld(given, TransitionModel(given.scene, self._actions)))
+        return self._observation(), self._info(None)
 
     def _chosen_index(self, options: dict[str, Any]) -> int | None:
         """The task instance that ``options`` ask for."""
@@ -181,14 +181,14 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return int(index)
 
     def _given_task(self, options: dict[str, Any]) -> TaskInstance | None:
-        """The task that ``options`` bring along, checked."""
+        """The task that ``options`` hold, checked."""
         scene, state = options.get("scene"), options.get("state")
         if scene is None and state is None:
             return None
         if state is None:
             raise SceneError("reset got the option 'scene' without 'state', the state from which the episode starts")
         if scene is None:
-            if not self._is_started:
+            if self._episode is None:
                 raise SceneError(
                     "reset got the option 'state' without 'scene', and there is no running episode's scene"
                 )
@@ -212,8 +212,12 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         Raises:
             ActionError: the action is not in the action space, or the episode has not been started.
         """
-        reward, terminated, truncated, is_goal, is_dropped = self._running().act(self._action(action))
-        return self._observation(), reward, terminated, truncated, self._info(is_goal=is_goal, is_dropped=is_dropped)
+        episode = self._running()
+        episode.act(self._action(action))
+        outcome = episode.outcome
+        terminated = outcome is not None and outcome.is_terminal
+        truncated = outcome is not None and not outcome.is_terminal
+        return self._observation(), episode.reward, terminated, truncated, self._info(outcome)
 
     def _action(self, action: npt.ArrayLike) -> Action:
         if not self._is_discrete:
@@ -222,25 +226,25 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return number.item() if number.size == 1 else number  # what is no integer is refused by the action space
 
     def _observation(self) -> dict[str, Any]:
-        task = self._task
+        episode = self._running()
         return {
-            "observation": self._observe(task.instance.scene, task.state),
-            "gripper_closed": int(task.state.gripper_closed),
+            "observation": self._observe(episode.scene, episode.state),
+            "gripper_closed": int(episode.state.gripper_closed),
         }
 
-    def _info(self, *, is_goal: bool, is_dropped: bool) -> dict[str, Any]:
+    def _info(self, outcome: Outcome | None) -> dict[str, Any]:
         return {
-            "is_goal": is_goal,
-            "is_dropped": is_dropped,
-            "num_actions": self._task.num_actions,
-            "instance": self._task.index,
+            "is_goal": outcome is Outcome.SUCCESS,
+            "is_dropped": outcome is Outcome.DROPPED,
+            "num_actions": self._running().num_actions,
+            "instance": self._index,
         }
 
     def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
         """[H, W, 3] uint8 RGB picture of the world, or None without a render mode."""
         if self.render_mode is None:
             return None
-        from visualrhp.rendering.frames import render_frame  # drawing is imported only by who draws
+        from visualrhp.rendering.frames import render_frame  # imported only for drawing
 
         return render_frame(self.scene, self.state)
 

@@ -1,8 +1,8 @@
-"""Tasks side by side, and the arrays in which they show where they stand: what a batched environment is made of.
+"""The slots of a batched environment: N tasks side by side, and the arrays that hold their states.
 
-A :class:`Board` is one block of memory with one row a slot, so that a process can work on some of the rows of a block
-that it shares with others (:mod:`visualrhp.environments.crew`). This module does without torch: it is what a worker
-process imports.
+:class:`SlotArrays` are one block of memory with one row per slot, so that a process can work on some rows of a block
+that it shares with others (:mod:`visualrhp.environments.backends`). Worker processes import this module, so it imports
+no torch.
 """
 
 from __future__ import annotations
@@ -15,15 +15,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.environments.task import ClutterTask, ObservationFunction
-from visualrhp.scene.sampling import SceneDistribution, Split
+from visualrhp.execution.episode import RunningEpisode
+from visualrhp.execution.world import SimulatedWorld
+from visualrhp.observation import Observation
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
+from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, make_action_space
 from visualrhp.simulation.physics import Physics
-from visualrhp.types import ActionSpaceName, FloatArray, IntArray, State
+from visualrhp.simulation.transition_model import TransitionModel
+from visualrhp.streams import Split
+from visualrhp.types import ActionSpaceName, Column, FloatArray, IntArray, Outcome, State, state_dimension
 
 BoolArray = npt.NDArray[np.bool_]
 
-_ROBOT_DIMENSIONS = 5
 _ALIGNMENT = 64
 
 
@@ -42,22 +46,27 @@ class TaskFamily:
     distribution: SceneDistribution
     split: Split
     action_space: ActionSpaceName
-    observe: ObservationFunction
+    observe: Observation
     physics: Physics = field(default_factory=Physics)
 
     @property
     def state_dimension(self) -> int:
         """5 + 3 max m, length of the longest state vector."""
-        return _ROBOT_DIMENSIONS + 3 * self.distribution.num_objects[1]
+        return state_dimension(self.distribution.num_objects[1])
 
-    def make_task(self) -> ClutterTask:
-        """A task of the family, not started."""
-        return ClutterTask(self.distribution, make_action_space(self.action_space), self.physics)
+    def instance(self, seed: int, index: int) -> TaskInstance:
+        """Task instance ``index`` of ``seed``."""
+        return sample_task_instance(self.distribution, seed, self.split, index)
+
+    def start(self, instance: TaskInstance, num_actions: int = 0) -> RunningEpisode:
+        """An episode of ``instance``, of which ``num_actions`` actions are over."""
+        model = TransitionModel(instance.scene, make_action_space(self.action_space), self.physics)
+        return RunningEpisode(SimulatedWorld(instance, model), num_actions)
 
 
 @dataclass(frozen=True, eq=False)
-class Board:
-    """Where N tasks stand: arrays over one block of memory, one row a slot.
+class SlotArrays:
+    """The state of N tasks: arrays over one block of memory, one row per slot.
 
     Attributes:
         action: [N] int64 or [N, 4] float64, to be taken next.
@@ -97,7 +106,7 @@ class Board:
             "num_actions": ((), np.int64),
             "reward": ((), np.float32),
         }
-        entries = {entry.name: special.get(entry.name, ((), np.bool_)) for entry in fields(Board)}
+        entries = {entry.name: special.get(entry.name, ((), np.bool_)) for entry in fields(SlotArrays)}
         return {name: ((num_slots, *shape), np.dtype(dtype)) for name, (shape, dtype) in entries.items()}
 
     @classmethod
@@ -108,8 +117,8 @@ class Board:
         )
 
     @classmethod
-    def over(cls, family: TaskFamily, num_slots: int, memory: Any) -> Board:
-        """The board in ``memory``, a writable buffer of :meth:`num_bytes` (zeros at the start)."""
+    def over(cls, family: TaskFamily, num_slots: int, memory: Any) -> SlotArrays:
+        """The arrays in ``memory``, a writable buffer of :meth:`num_bytes` (zeros at the start)."""
         arrays: dict[str, Any] = {}
         offset = 0
         for name, (shape, dtype) in cls._layout(family, num_slots).items():
@@ -119,7 +128,7 @@ class Board:
 
     def state_of(self, slot: int) -> State:
         """The state of one slot, of the length that its scene has."""
-        return State(self.state[slot, : _ROBOT_DIMENSIONS + 3 * self.num_objects[slot]])
+        return State(self.state[slot, : state_dimension(int(self.num_objects[slot]))])
 
 
 def _aligned(num_bytes: int) -> int:
@@ -127,87 +136,88 @@ def _aligned(num_bytes: int) -> int:
 
 
 class Slots:
-    """Simulates the tasks in some rows of a board.
+    """Simulates the tasks in some rows of the arrays.
 
     Args:
         family: what the tasks have in common.
-        board: written to in the rows ``rows`` only.
+        arrays: written to in the rows ``rows`` only.
         rows: the slots of these tasks.
 
     Attributes:
         rows: as given.
-        tasks: one a row.
+        episodes: one per row, from the first :meth:`start` on.
     """
 
-    def __init__(self, family: TaskFamily, board: Board, rows: range) -> None:
+    def __init__(self, family: TaskFamily, arrays: SlotArrays, rows: range) -> None:
         self.rows = rows
-        self.tasks = [family.make_task() for _ in rows]
+        self.episodes: list[RunningEpisode] = []
         self._family = family
-        self._board = board
+        self._arrays = arrays
         self._columns = np.arange(family.state_dimension)
 
     def start(self, seed: int, slots: Sequence[int], instances: Sequence[int]) -> None:
-        """Begin task instance ``instances[i]`` of ``seed`` in slot ``slots[i]``."""
+        """Begin task instance ``instances[i]`` of ``seed`` in slot ``slots[i]``; the first call begins all slots."""
         if not slots:
             return
-        board = self._board
-        for slot, instance in zip(slots, instances, strict=True):
-            task = self._task(slot)
-            task.start(seed, self._family.split, instance)
-            board.instance[slot] = instance
-            board.num_objects[slot] = task.instance.scene.num_objects
-            board.num_actions[slot] = 0
-            board.reward[slot] = 0.0
-            for flag in (board.terminated, board.truncated, board.is_goal, board.is_dropped):
-                flag[slot] = False
-        self._show(list(slots), [self._task(slot) for slot in slots])
+        started = [self._family.start(self._family.instance(seed, instance)) for instance in instances]
+        self._enter(slots, instances, started)
 
     def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
-        """Go on, in every row, with task instances that had come as far as ``states`` [N, 5 + 3 max m].
+        """Resume, in every row, task instances that have reached ``states`` [N, 5 + 3 max m].
 
-        The sequences have one entry for every slot of the board, not of this part of it alone.
+        The sequences have one entry for every slot of the arrays, not of these rows alone.
         """
-        self.start(seed, self.rows, [instances[slot] for slot in self.rows])
-        for slot, task in zip(self.rows, self.tasks, strict=True):
-            task.resume(num_actions[slot], State(states[slot, : task.state.vector.size]))
-            self._board.num_actions[slot] = num_actions[slot]
-        self._show(list(self.rows), self.tasks)
+        resumed = []
+        for slot in self.rows:
+            instance = self._family.instance(seed, instances[slot])
+            state = State(states[slot, : instance.state.vector.size])
+            resumed.append(self._family.start(TaskInstance(instance.scene, state), num_actions[slot]))
+        self._enter(self.rows, [instances[slot] for slot in self.rows], resumed)
+
+    def _enter(self, slots: Sequence[int], instances: Sequence[int], episodes: Sequence[RunningEpisode]) -> None:
+        arrays = self._arrays
+        if not self.episodes:
+            self.episodes = list(episodes)
+        for slot, instance, episode in zip(slots, instances, episodes, strict=True):
+            self.episodes[slot - self.rows.start] = episode
+            arrays.instance[slot] = instance
+            arrays.num_objects[slot] = episode.scene.num_objects
+            arrays.num_actions[slot] = episode.num_actions
+            arrays.reward[slot] = 0.0
+            for flag in (arrays.terminated, arrays.truncated, arrays.is_goal, arrays.is_dropped):
+                flag[slot] = False
+        self._show(list(slots), episodes)
 
     def act(self) -> None:
-        """Take the actions on the board in the slots that are active."""
-        board, tasks = self._board, self.tasks
+        """Take the actions in the arrays, in the slots that are active."""
+        arrays, episodes = self._arrays, self.episodes
         rows: slice | list[int] = slice(self.rows.start, self.rows.stop)
-        if not board.is_active[rows].all():
-            rows = [slot for slot in self.rows if board.is_active[slot]]
-            tasks = [self._task(slot) for slot in rows]
-        if not tasks:
+        if not arrays.is_active[rows].all():
+            rows = [slot for slot in self.rows if arrays.is_active[slot]]
+            episodes = [self.episodes[slot - self.rows.start] for slot in rows]
+        if not episodes:
             return
-        actions = board.action[rows].copy()  # a transition keeps its action
-        outcomes = [
-            task.act(action)
-            for task, action in zip(tasks, actions.tolist() if actions.ndim == 1 else actions, strict=True)
-        ]
-        self._show(rows, tasks)
-        rewards, terminated, truncated, is_goal, is_dropped = zip(*outcomes, strict=True)
-        board.num_actions[rows] += 1
-        board.reward[rows] = rewards
-        board.terminated[rows] = terminated
-        board.truncated[rows] = truncated
-        board.is_goal[rows] = is_goal
-        board.is_dropped[rows] = is_dropped
+        actions = arrays.action[rows].copy()  # an episode keeps its actions
+        for episode, action in zip(episodes, actions.tolist() if actions.ndim == 1 else actions, strict=True):
+            episode.act(action)
+        self._show(rows, episodes)
+        outcomes = [episode.outcome for episode in episodes]
+        arrays.num_actions[rows] = [episode.num_actions for episode in episodes]
+        arrays.reward[rows] = [episode.reward for episode in episodes]
+        arrays.terminated[rows] = [outcome is not None and outcome.is_terminal for outcome in outcomes]
+        arrays.truncated[rows] = [outcome is not None and not outcome.is_terminal for outcome in outcomes]
+        arrays.is_goal[rows] = [outcome is Outcome.SUCCESS for outcome in outcomes]
+        arrays.is_dropped[rows] = [outcome is Outcome.DROPPED for outcome in outcomes]
 
-    def _task(self, slot: int) -> ClutterTask:
-        return self.tasks[slot - self.rows.start]
-
-    def _show(self, rows: slice | list[int], tasks: Sequence[ClutterTask]) -> None:
-        """Write what the agents of ``rows`` see."""
-        board, observe = self._board, self._family.observe
-        states = [task.state for task in tasks]
+    def _show(self, rows: slice | list[int], episodes: Sequence[RunningEpisode]) -> None:
+        """Write the observations and states of ``rows``."""
+        arrays, observe = self._arrays, self._family.observe
+        states = [episode.state for episode in episodes]
         slots = self.rows if isinstance(rows, slice) else rows
-        for slot, task, state in zip(slots, tasks, states, strict=True):
-            board.observation[slot] = observe(task.instance.scene, state)
-        padded = np.zeros((len(tasks), self._columns.size))
-        is_used = self._columns < _ROBOT_DIMENSIONS + 3 * board.num_objects[rows, None]
+        for slot, episode, state in zip(slots, episodes, states, strict=True):
+            arrays.observation[slot] = observe(episode.scene, state)
+        padded = np.zeros((len(episodes), self._columns.size))
+        is_used = self._columns < state_dimension(arrays.num_objects[rows, None])
         padded[is_used] = np.concatenate([state.vector for state in states])
-        board.state[rows] = padded
-        board.gripper_closed[rows] = padded[:, 4]
+        arrays.state[rows] = padded
+        arrays.gripper_closed[rows] = padded[:, Column.CLOSED]

@@ -1,6 +1,8 @@
-"""A worker process of :class:`visualrhp.environments.crew.WorkerCrew`: ``python -m visualrhp.environments.worker``.
+"""A worker process of :class:`~visualrhp.environments.backends.WorkerBackend`.
 
-Its arguments are the descriptors of a socket, from which the orders come, and of the file that holds the board.
+Started as ``python -m visualrhp.environments.worker``.
+
+Its arguments are the descriptors of a socket, which carries the commands, and of the file that holds the arrays.
 """
 
 from __future__ import annotations
@@ -11,22 +13,22 @@ import signal
 import sys
 from multiprocessing.connection import Connection
 
-from visualrhp.environments.slots import Board, Slots
+from visualrhp.environments.slots import SlotArrays, Slots
 
 
 def serve(connection: Connection, memory: int) -> None:
-    """Carry out orders until the other end is closed.
+    """Execute commands until the other end is closed.
 
     The first message is (family, N, rows); every other one names a method of :class:`Slots` and holds its arguments.
     The answer is None, or the exception that was raised.
     """
     family, num_slots, rows = connection.recv()
-    mapped = mmap.mmap(memory, Board.num_bytes(family, num_slots))
-    slots = Slots(family, Board.over(family, num_slots, mapped), rows)
+    mapped = mmap.mmap(memory, SlotArrays.num_bytes(family, num_slots))
+    slots = Slots(family, SlotArrays.over(family, num_slots, mapped), rows)
     while True:
-        order, *arguments = connection.recv()
+        command, *arguments = connection.recv()
         try:
-            getattr(slots, order)(*arguments)
+            getattr(slots, command)(*arguments)
         except Exception as error:
             connection.send(error)
         else:

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from visualrhp.errors import ConfigError
-from visualrhp.rendering.label_image import IMAGE_SIZE, PALETTE
+from visualrhp.observation.label_image import IMAGE_SIZE, PALETTE
 
 
 class ColourImage(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):

@@ -1,16 +1,4 @@
-"""How well a planner does: episodes on unseen tasks, metrics with intervals, and the paper's figures."""
+"""How well planners do: the table of episodes, metrics with intervals, summaries, figures, videos, the report.
 
-from visualrhp.evaluation.episodes import EpisodeResult, evaluate_policy, run_episode, run_task
-from visualrhp.evaluation.metrics import Estimate, evaluation_metrics, mean_interval, summarize, wilson_interval
-
-__all__ = [
-    "EpisodeResult",
-    "Estimate",
-    "evaluate_policy",
-    "evaluation_metrics",
-    "mean_interval",
-    "run_episode",
-    "run_task",
-    "summarize",
-    "wilson_interval",
-]
+Import from the modules: those for figures and for the report's page import matplotlib and Jinja, the others do not.
+"""

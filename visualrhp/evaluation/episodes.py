@@ -1,178 +1,184 @@
-"""Running a planner on a task in closed loop, and what is recorded of it (paper, Sec. 7.3 and 8.2)."""
+"""The table of episodes: one row per episode, and the one schema of its columns."""
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
 
-import numpy as np
+import pandas as pd
+import pyarrow as pa
 
-from visualrhp.errors import SimulationError
-from visualrhp.planning.planner import Planner, PlanningModel
-from visualrhp.rendering.frames import Outcome
-from visualrhp.scene import Scene, SceneDistribution, Split, generator_for, perturb, sample_task_instance
-from visualrhp.simulation.action_spaces import ActionSpace
-from visualrhp.simulation.physics import Physics
-from visualrhp.simulation.task import DISCOUNT, MAX_EPISODE_ACTIONS
-from visualrhp.simulation.transition_model import TransitionModel
-from visualrhp.types import State
+from visualrhp.errors import DataError
+from visualrhp.evaluation.methods import Method
+from visualrhp.execution.episode import EpisodeResult
+from visualrhp.files import read_json
+from visualrhp.scene.noise import NoiseLevel
+from visualrhp.scene.sampling import SceneDistribution
+from visualrhp.types import ActionSpaceName
 
-_PLANNER_STREAM = 1
-_NOISE_STREAM = 2
+ColumnKind = Literal["text", "integer", "optional integer", "number", "boolean"]
+
+_DTYPES: Final[dict[ColumnKind, str]] = {
+    "text": "str",
+    "integer": "int64",
+    "optional integer": "Int64",
+    "number": "float64",
+    "boolean": "bool",
+}
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeResult:
-    """What became of one task.
+class EpisodeColumn:
+    """A column of the table of episodes: type, and meaning with its unit."""
 
-    Attributes:
-        outcome: "success" (the desired object reached the target region in under 50 actions and nothing was dropped),
-            "dropped", "out of actions", "no plan" (the planner gave up at once), "plan failed" (an open-loop plan ended
-            without success) or "diverged" (the physics of the world failed).
-        num_objects: m of the scene.
-        num_actions: actions executed; without a plan, the full limit, 49.
-        discounted_return: G_0 of Sec. 4 over the actions executed.
-        decision_time_s: time the planner took to choose all actions of the task, wall clock [s].
-        simulation_time_s: time to roll the physics of the executed actions, wall clock [s].
-        num_invalid_rollouts: roll-outs that diverged, over all decisions.
-        states: the L + 1 states passed through, initial first; empty unless asked for.
+    kind: ColumnKind
+    meaning: str
+
+
+SETTING_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
+    "experiment": EpisodeColumn("text", "block of the suite, or 'single'"),
+    "planner": EpisodeColumn("text", "name of the planner"),
+    "action_space": EpisodeColumn("text", "'continuous' or 'discrete'"),
+    "num_rollouts": EpisodeColumn("optional integer", "n of receding horizon planning"),
+    "horizon": EpisodeColumn("optional integer", "h of receding horizon planning"),
+    "scene_num_objects": EpisodeColumn("text", "m that was requested: '4', or '1-7' where it is drawn at random"),
+    "object_size": EpisodeColumn("text", "'small', 'mixed' or 'large'"),
+    "noise_level": EpisodeColumn("text", "'none', 'low', 'medium' or 'high' (Sec. 8.2)"),
+    "seed": EpisodeColumn("integer", "seed of the task instances"),
+}
+"""Columns that name a setting (:class:`Setting`)."""
+
+RESULT_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
+    "num_objects": EpisodeColumn("integer", "m of the scene"),
+    "success": EpisodeColumn("boolean", "whether the task was completed"),
+    "dropped": EpisodeColumn("boolean", "whether an object fell off the surface"),
+    "outcome": EpisodeColumn("text", "value of Outcome"),
+    "num_actions": EpisodeColumn("integer", "actions executed; without a plan, the action limit"),
+    "action_efficiency": EpisodeColumn("number", "objects over actions until completion; NaN if not completed"),
+    "decision_time_s": EpisodeColumn("number", "wall-clock time of all decisions [s]"),
+    "mean_decision_time_s": EpisodeColumn("number", "wall-clock time of decisions per action [s]"),
+    "simulation_time_s": EpisodeColumn("number", "wall-clock time to execute the actions [s]"),
+    "execution_time_s": EpisodeColumn("number", "planning and execution time of the run [s]"),
+    "return": EpisodeColumn("number", "G_0 of Sec. 4 over the executed actions"),
+    "num_invalid_rollouts": EpisodeColumn("integer", "roll-outs that diverged, over all decisions"),
+}
+"""Columns that an episode gives (:func:`episode_row`)."""
+
+EPISODE_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
+    **SETTING_COLUMNS,
+    "episode": EpisodeColumn("integer", "index of the task instance"),
+    **RESULT_COLUMNS,
+}
+"""The schema of the table of episodes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What is evaluated on a series of task instances; the attributes are :data:`SETTING_COLUMNS`."""
+
+    experiment: str
+    planner: str
+    action_space: ActionSpaceName
+    num_rollouts: int | None
+    horizon: int | None
+    scene_num_objects: str
+    object_size: str
+    noise_level: NoiseLevel
+    seed: int
+
+    @classmethod
+    def of(
+        cls,
+        experiment: str,
+        planner: Any,
+        action_space: ActionSpaceName,
+        distribution: SceneDistribution,
+        noise_level: NoiseLevel,
+        seed: int,
+    ) -> Setting:
+        """The setting of a planner, or of the parameters of one (:meth:`~visualrhp.evaluation.methods.Method.of`)."""
+        low, high = distribution.num_objects
+        return cls(
+            experiment=experiment,
+            **asdict(Method.of(planner)),
+            action_space=action_space,
+            scene_num_objects=str(low) if low == high else f"{low}-{high}",
+            object_size=distribution.object_size,
+            noise_level=noise_level,
+            seed=seed,
+        )
+
+
+def episode_row(result: EpisodeResult) -> dict[str, Any]:
+    """The :data:`RESULT_COLUMNS` of an episode, as JSON but for NaN."""
+    return {
+        "num_objects": result.num_objects,
+        "success": result.success,
+        "dropped": result.dropped,
+        "outcome": result.outcome.value,
+        "num_actions": result.num_actions,
+        "action_efficiency": result.action_efficiency,
+        "decision_time_s": result.decision_time_s,
+        "mean_decision_time_s": result.decision_time_s / max(1, result.num_actions),
+        "simulation_time_s": result.simulation_time_s,
+        "execution_time_s": result.execution_time_s,
+        "return": result.discounted_return,
+        "num_invalid_rollouts": result.num_invalid_rollouts,
+    }
+
+
+def episodes_table(episodes: Iterable[tuple[Setting, int, Mapping[str, Any]]]) -> pd.DataFrame:
+    """The table of (setting, index of the task instance, :func:`episode_row`), in their order."""
+    rows = [asdict(setting) | {"episode": index} | dict(row) for setting, index, row in episodes]
+    table = pd.DataFrame(rows, columns=list(EPISODE_COLUMNS))
+    return table.astype({name: _DTYPES[column.kind] for name, column in EPISODE_COLUMNS.items()})
+
+
+def read_episodes(path: Path) -> pd.DataFrame:
+    """Read a table of episodes from a Parquet file.
+
+    Raises:
+        DataError: the file is missing or damaged, lacks a column, has one of another type, or has no rows.
     """
-
-    outcome: Outcome
-    num_objects: int
-    num_actions: int
-    discounted_return: float
-    decision_time_s: float
-    simulation_time_s: float
-    num_invalid_rollouts: int = 0
-    states: tuple[State, ...] = ()
-
-    @property
-    def success(self) -> bool:
-        """Whether the task was completed."""
-        return self.outcome == "success"
-
-    @property
-    def dropped(self) -> bool:
-        """Whether an object fell off the surface."""
-        return self.outcome == "dropped"
-
-    @property
-    def action_efficiency(self) -> float:
-        """Number of objects in the scene over number of actions until completion (Sec. 7.3); NaN if not completed."""
-        return self.num_objects / self.num_actions if self.success and self.num_actions > 0 else math.nan
-
-    @property
-    def execution_time_s(self) -> float:
-        """Planning and execution time of the run (Sec. 7.3) [s]."""
-        return self.decision_time_s + self.simulation_time_s
+    if not path.is_file():
+        raise DataError(f"{path.parent} has no file {path.name}; make it with python -m pipelines.evaluate")
+    again = "make it again with python -m pipelines.evaluate"
+    try:
+        episodes = pd.read_parquet(path)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DataError(f"{path} is damaged or is not a Parquet file ({error}); {again}") from error
+    missing = [name for name in EPISODE_COLUMNS if name not in episodes.columns]
+    if missing:
+        raise DataError(f"{path} lacks the columns {', '.join(missing)}; {again}")
+    if episodes.empty:
+        raise DataError(f"{path} has no rows; {again}")
+    for name, column in EPISODE_COLUMNS.items():
+        if not _has_kind(episodes[name], column.kind):
+            raise DataError(f"the column {name} of {path} is {episodes[name].dtype}, not {column.kind}; {again}")
+    return episodes
 
 
-def run_episode(
-    planner: Planner,
-    world: TransitionModel,
-    model: PlanningModel,
-    state: State,
-    rng: np.random.Generator,
-    *,
-    keep_states: bool = False,
-) -> EpisodeResult:
-    """Let ``planner`` act in ``world`` until success, a drop, or 49 actions.
+def read_evaluation(folder: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """The table of episodes and the card in a folder made by ``python -m pipelines.evaluate``.
 
-    Args:
-        planner: decides anew in every state (a policy may still follow a plan that it made before).
-        world: executes the actions; its scene may differ from the model's (Sec. 8.2).
-        model: what the planner plans with, and whose scene its heuristic sees.
-        state: initial state.
-        rng: every random draw of the planner.
-        keep_states: whether to record the states, for a video.
+    Raises:
+        DataError: either is missing or damaged (:func:`read_episodes`).
     """
-    policy = planner.start(model, rng)
-    states = [state]
-    outcome: Outcome = "success" if world.is_goal(state) and not world.is_dropped(state) else "out of actions"
-    num_actions, num_invalid = 0, 0
-    episode_return = decision_time = simulation_time = 0.0
-    while outcome == "out of actions" and num_actions < MAX_EPISODE_ACTIONS:
-        started = time.perf_counter()
-        decision = policy(state)
-        decided = time.perf_counter()
-        decision_time += decided - started
-        num_invalid += decision.num_invalid
-        if decision.action is None:
-            outcome, num_actions = ("plan failed", num_actions) if num_actions else ("no plan", MAX_EPISODE_ACTIONS)
-            break
-        try:
-            transition = world.simulate(state, decision.action)
-        except SimulationError:
-            outcome = "diverged"
-            break
-        simulation_time += time.perf_counter() - decided
-        episode_return += DISCOUNT**num_actions * transition.reward
-        num_actions += 1
-        state = transition.next_state
-        states.append(state)
-        if transition.is_dropped:
-            outcome = "dropped"
-        elif transition.is_goal:
-            outcome = "success"
-    return EpisodeResult(
-        outcome=outcome,
-        num_objects=model.scene.num_objects,
-        num_actions=num_actions,
-        discounted_return=episode_return,
-        decision_time_s=decision_time,
-        simulation_time_s=simulation_time,
-        num_invalid_rollouts=num_invalid,
-        states=tuple(states) if keep_states else (),
-    )
+    return read_episodes(folder / "episodes.parquet"), read_json(folder / "evaluation.json")
 
 
-def run_task(
-    planner: Planner,
-    distribution: SceneDistribution,
-    seed: int,
-    split: Split,
-    index: int,
-    *,
-    action_space: ActionSpace,
-    physics: Physics | None = None,
-    noise: float = 0.0,
-    keep_states: bool = False,
-) -> EpisodeResult:
-    """Run ``planner`` on task instance ``index``: a function of the arguments alone (but for the times).
-
-    Every planner and action space meets the same instance, and the same perturbed world at each level of ``noise``, a
-    relative standard deviation on the shape, friction and density of the world's objects; the planner's model keeps the
-    nominal ones (Sec. 8.2). All levels scale the same draws, so that a change of level is not a change of luck.
-    """
-    instance = sample_task_instance(distribution, seed, split, index)
-    model = TransitionModel(instance.scene, action_space, physics)
-    world = model
-    if noise != 0.0:
-        world = TransitionModel(perturbed_scene(instance.scene, noise, seed, split, index), action_space, physics)
-    rng = generator_for(seed, split, index, _PLANNER_STREAM)
-    return run_episode(planner, world, model, instance.state, rng, keep_states=keep_states)
-
-
-def perturbed_scene(scene: Scene, noise: float, seed: int, split: Split, index: int) -> Scene:
-    """The world of task instance ``index`` at a level of ``noise`` (a relative standard deviation)."""
-    return perturb(scene, noise, generator_for(seed, split, index, _NOISE_STREAM))
-
-
-def evaluate_policy(
-    planner: Planner,
-    distribution: SceneDistribution,
-    seed: int,
-    split: Split,
-    indices: Iterable[int],
-    action_space: ActionSpace,
-    physics: Physics | None = None,
-    noise: float = 0.0,
-) -> list[EpisodeResult]:
-    """Run ``planner`` on several task instances in this process, one after the other (see :func:`run_task`)."""
-    return [
-        run_task(planner, distribution, seed, split, index, action_space=action_space, physics=physics, noise=noise)
-        for index in indices
-    ]
+def _has_kind(values: Any, kind: ColumnKind) -> bool:
+    types = pd.api.types
+    match kind:
+        case "text":
+            return types.is_string_dtype(values)
+        case "integer":
+            return types.is_integer_dtype(values)
+        case "optional integer":
+            return types.is_integer_dtype(values) or bool(values.isna().all())
+        case "boolean":
+            return types.is_bool_dtype(values)
+        case "number":
+            return types.is_float_dtype(values) or types.is_integer_dtype(values)

@@ -1,6 +1,6 @@
 """The three metrics of Sec. 7.3, with intervals.
 
-An *episodes table* is a data frame with one row per task, with at least the columns of :data:`EPISODE_COLUMNS`.
+They are computed from a table of episodes (:data:`visualrhp.evaluation.episodes.EPISODE_COLUMNS`).
 """
 
 from __future__ import annotations
@@ -16,28 +16,11 @@ import pandas as pd
 from scipy import stats
 
 from visualrhp.errors import ConfigError, DataError
-from visualrhp.evaluation.episodes import EpisodeResult
+from visualrhp.evaluation.episodes import RESULT_COLUMNS, episode_row
+from visualrhp.execution.episode import EpisodeResult
 
 CONFIDENCE = 0.9
 """The paper reports 90% confidence intervals (Sec. 7.4)."""
-
-EPISODE_COLUMNS = (
-    "planner",
-    "action_space",
-    "num_rollouts",
-    "horizon",
-    "num_objects",
-    "object_size",
-    "noise_level",
-    "episode",
-    "success",
-    "dropped",
-    "num_actions",
-    "action_efficiency",
-    "decision_time_s",
-    "simulation_time_s",
-)
-"""Columns of an episodes table that everything here may rely on (units and meaning: EpisodeResult)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +37,13 @@ class Estimate:
 
 
 def wilson_interval(num_successes: int, num_trials: int, confidence: float = CONFIDENCE) -> Estimate:
-    """A rate with its Wilson score interval, which stays within [0, 1] and is sound near both ends.
+    """A rate with its Wilson score interval, which stays within [0, 1] and is accurate near both ends.
 
     With p = successes / trials and z the normal quantile of (1 + confidence) / 2, the bounds solve
     (p - q)^2 = z^2 q (1 - q) / trials for q.
 
     Raises:
-        ConfigError: counts that are no counts, or a confidence that is not in (0, 1).
+        ConfigError: ``num_successes`` is not in [0, ``num_trials``], or ``confidence`` not in (0, 1).
     """
     _check_confidence(confidence)
     if not 0 <= num_successes <= num_trials:
@@ -72,16 +55,16 @@ def wilson_interval(num_successes: int, num_trials: int, confidence: float = CON
     scale = 1.0 + z**2 / num_trials
     centre = (rate + z**2 / (2.0 * num_trials)) / scale
     half = z / scale * math.sqrt(rate * (1.0 - rate) / num_trials + (z / (2.0 * num_trials)) ** 2)
-    low = 0.0 if num_successes == 0 else centre - half  # exactly, where rounding would leave 1e-17
+    low = 0.0 if num_successes == 0 else centre - half  # exact, where rounding would leave 1e-17
     high = 1.0 if num_successes == num_trials else centre + half
     return Estimate(rate, low, high, num_trials)
 
 
 def mean_interval(values: npt.ArrayLike, confidence: float = CONFIDENCE) -> Estimate:
-    """A mean with Student's t interval; NaN values are left out (an efficiency exists only for completed tasks).
+    """A mean with Student's t interval; NaN values are ignored (an efficiency exists only for completed tasks).
 
     Raises:
-        ConfigError: a confidence that is not in (0, 1).
+        ConfigError: ``confidence`` is not in (0, 1).
     """
     _check_confidence(confidence)
     samples = np.asarray(values, dtype=np.float64).ravel()
@@ -96,33 +79,14 @@ def mean_interval(values: npt.ArrayLike, confidence: float = CONFIDENCE) -> Esti
     return Estimate(mean, mean - half, mean + half, count)
 
 
-def episode_row(result: EpisodeResult) -> dict[str, Any]:
-    """The columns of an episodes table that come from an episode itself (the others say which task it was)."""
-    return {
-        "num_objects": result.num_objects,
-        "success": result.success,
-        "dropped": result.dropped,
-        "outcome": result.outcome,
-        "num_actions": result.num_actions,
-        "action_efficiency": result.action_efficiency,
-        "decision_time_s": result.decision_time_s,
-        "mean_decision_time_s": result.decision_time_s / max(1, result.num_actions),
-        "simulation_time_s": result.simulation_time_s,
-        "execution_time_s": result.execution_time_s,
-        "return": result.discounted_return,
-        "num_invalid_rollouts": result.num_invalid_rollouts,
-    }
-
-
 def evaluation_metrics(episodes: pd.DataFrame, confidence: float = CONFIDENCE) -> dict[str, Estimate]:
-    """The metrics of Sec. 7.3 over all rows of an episodes table, and two that explain them.
+    """The metrics of Sec. 7.3 over all rows of a table of episodes, and two that explain them.
 
     - ``success_rate``: completed in under 50 actions and nothing dropped. Wilson interval.
-    - ``action_efficiency``: objects in the scene / actions until completion, mean over the completed tasks (there is
-      no completion to count the actions to in the others).
-    - ``execution_time_s``: number of actions times the time to select one, plus the time to roll the physics; mean over
-      all tasks.
-    - ``drop_rate``: an object fell. Wilson interval.
+    - ``action_efficiency``: objects in the scene / actions until completion, mean over the completed tasks.
+    - ``execution_time_s``: number of actions times the time to select one, plus the time to execute them in the
+      simulator; mean over all tasks.
+    - ``drop_rate``: an object fell off the surface. Wilson interval.
     - ``num_actions``: mean over all tasks.
     """
     return {
@@ -137,26 +101,25 @@ def evaluation_metrics(episodes: pd.DataFrame, confidence: float = CONFIDENCE) -
 def metrics_of_results(results: Iterable[EpisodeResult], confidence: float = CONFIDENCE) -> dict[str, Estimate]:
     """:func:`evaluation_metrics` of episodes that were just run."""
     rows = [episode_row(result) for result in results]
-    return evaluation_metrics(pd.DataFrame(rows, columns=list(episode_row(_NOTHING))), confidence)
-
-
-_NOTHING = EpisodeResult("no plan", 1, 0, 0.0, 0.0, 0.0)
+    return evaluation_metrics(pd.DataFrame(rows, columns=list(RESULT_COLUMNS)), confidence)
 
 
 def summarize(episodes: pd.DataFrame, by: Sequence[str], confidence: float = CONFIDENCE) -> pd.DataFrame:
-    """A table with one row per group of episodes that agree in the columns ``by``, sorted by them.
+    """A table with one row per group of episodes that have the same values in the columns ``by``, sorted by them.
 
-    Its columns are ``by``, ``episodes`` (how many), and of each metric of :func:`evaluation_metrics` the value and,
-    with the endings ``_low`` and ``_high``, the bounds of its interval. A missing value in ``by`` (the horizon of a
-    planner that has none) is a group of its own; groups without episodes do not appear; no columns in ``by`` make one
-    row of everything.
+    Its columns are ``by``, ``episodes`` (their number), and for each metric of :func:`evaluation_metrics` the value
+    and, with the suffixes ``_low`` and ``_high``, the bounds of its interval. A missing value in ``by`` (the horizon of
+    a planner that has none) is a separate group; groups without episodes do not appear; without columns in ``by``, one
+    row summarizes all episodes.
 
     Raises:
-        DataError: a column of ``by``, or one that the metrics need, is missing.
+        DataError: a column of ``by``, or one that the metrics are computed from, is missing.
     """
     missing = [name for name in (*by, *_METRIC_COLUMNS) if name not in episodes.columns]
     if missing:
-        raise DataError(f"the episodes table has no column {', '.join(missing)}; it has {', '.join(episodes.columns)}")
+        raise DataError(
+            f"the table of episodes has no column {', '.join(missing)}; it has {', '.join(episodes.columns)}"
+        )
     if by:
         groups: Any = episodes.groupby(list(by), dropna=False, observed=True, sort=True)
         rows = [_summary_row(dict(zip(by, key, strict=True)), group, confidence) for key, group in groups]
@@ -178,4 +141,4 @@ def _summary_row(key: Mapping[str, Any], episodes: pd.DataFrame, confidence: flo
 
 def _check_confidence(confidence: float) -> None:
     if not 0.0 < confidence < 1.0:
-        raise ConfigError(f"confidence={confidence}: the probability of an interval lies between 0 and 1")
+        raise ConfigError(f"confidence={confidence}: the probability of an interval must be between 0 and 1")

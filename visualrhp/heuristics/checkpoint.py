@@ -1,74 +1,85 @@
-"""Trained heuristics as files: the network's weights in safetensors, with a JSON card inside and beside.
+"""Files of trained heuristics: the weights of the network in safetensors, with a JSON card.
 
-The card inside is what is read; the one beside the file (``heuristic.json``) is for people and other programs.
+The card is stored in the file, from which it is read, and in a separate JSON file for people and other programs
+(``heuristic.json``). This module does not import torch; :mod:`visualrhp.heuristics.conversion` writes and reads
+networks in PyTorch.
 """
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from visualrhp.environments.task import ObservationFunction
+import numpy.typing as npt
+
 from visualrhp.errors import CheckpointError, ConfigError
-from visualrhp.files import atomic_path
+from visualrhp.files import write_json
 from visualrhp.heuristics.learned import DEFAULT_TEMPERATURE, LearnedHeuristic
-from visualrhp.heuristics.networks import ActorCritic, QNetwork, make_network
 from visualrhp.heuristics.tensor_file import read_tensor_file, write_tensor_file
+from visualrhp.observation import Observation, make_observation
 from visualrhp.types import ActionSpaceName
 
-_FORMAT = "visualrhp-heuristic-1"
+_FORMAT = "visualrhp-heuristic-2"
 
 
-def save_heuristic(
-    path: str | os.PathLike[str], network: QNetwork | ActorCritic, card: Mapping[str, Any] | None = None
-) -> None:
-    """Write ``network`` to ``path`` (``*.safetensors``) and its card beside it (``*.json``), each atomically.
+@dataclass(frozen=True)
+class StoredNetwork:
+    """The content of a file.
 
-    Args:
-        card: where the network comes from (config, seed, commit, data hash, metrics); JSON values only.
+    Attributes:
+        weights: by their names in PyTorch's state dict.
+        action_space: of the network.
+        observation: that the network reads.
+        card: origin of the network (config, seed, commit, data hash, metrics); JSON values only.
     """
+
+    weights: Mapping[str, npt.NDArray[Any]]
+    action_space: ActionSpaceName
+    observation: Observation
+    card: Mapping[str, Any]
+
+
+def write_network(path: str | os.PathLike[str], network: StoredNetwork) -> None:
+    """Write ``network`` to ``path`` (``*.safetensors``) and its card to ``*.json``, each atomically."""
     path = Path(path)
     document = {
         "format": _FORMAT,
         "action_space": network.action_space,
-        "representation": network.observation.name,
+        "observation": network.observation.name,
         "num_objects": network.observation.num_objects,
-        "card": dict(card or {}),
+        "card": dict(network.card),
     }
-    write_tensor_file(path, network.state_dict(), document)
-    with atomic_path(path.with_suffix(".json")) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, sort_keys=True) + "\n")
+    write_tensor_file(path, network.weights, document)
+    write_json(path.with_suffix(".json"), document)
 
 
-def load_network(
-    path: str | os.PathLike[str], expect_action_space: ActionSpaceName | None = None
-) -> tuple[QNetwork | ActorCritic, dict[str, Any]]:
-    """The network in a file and its card.
+def read_network(path: str | os.PathLike[str], expect_action_space: ActionSpaceName | None = None) -> StoredNetwork:
+    """Read a file of :func:`write_network`.
 
     Raises:
-        CheckpointError: the file is missing, damaged, no heuristic, of another action space than expected, or of
-            another architecture than this version's.
+        CheckpointError: the file is missing or damaged, is not a trained heuristic, or has another action space than
+            expected.
     """
-    tensors, document = read_tensor_file(path)
+    weights, document = read_tensor_file(path)
     if document.get("format") != _FORMAT:
         raise CheckpointError(
-            f"{path} is no trained heuristic (its format is {document.get('format')!r}, not {_FORMAT!r})"
+            f"{path} is not a trained heuristic of this version (its format is {document.get('format')!r}, not "
+            f"{_FORMAT!r})"
         )
     action_space = document["action_space"]
     if expect_action_space is not None and action_space != expect_action_space:
         raise CheckpointError(
-            f"{path} was trained in the {action_space} action space, but the {expect_action_space} one is asked for; "
-            f"set action_space={action_space}, or give a heuristic of the {expect_action_space} action space"
+            f"{path} was trained in the {action_space} action space, but the {expect_action_space} one is needed; "
+            f"set action_space={action_space}, or use a heuristic for the {expect_action_space} action space"
         )
     try:
-        network = make_network(action_space, ObservationFunction(document["representation"], document["num_objects"]))
-        network.load_state_dict(tensors)
-    except (RuntimeError, KeyError, ConfigError) as error:
-        raise CheckpointError(f"{path} holds another architecture than this version's: {error}") from error
-    return network, document["card"]
+        observation = make_observation(document["observation"], document["num_objects"])
+    except ConfigError as error:
+        raise other_architecture(path, error) from error
+    return StoredNetwork(weights, action_space, observation, document["card"])
 
 
 def load_heuristic(
@@ -76,6 +87,21 @@ def load_heuristic(
     expect_action_space: ActionSpaceName | None = None,
     temperature: float = DEFAULT_TEMPERATURE,
 ) -> LearnedHeuristic:
-    """The heuristic in a file, ready to guide a planner; errors as :func:`load_network`."""
-    network, _ = load_network(path, expect_action_space)
-    return LearnedHeuristic(network.eval(), temperature)
+    """Load the heuristic in a file.
+
+    Raises:
+        CheckpointError: as :func:`read_network`, or the network has another architecture than in this version.
+        ConfigError: the temperature is not positive.
+    """
+    stored = read_network(path, expect_action_space)
+    try:
+        heuristic = LearnedHeuristic(stored.weights, stored.action_space, stored.observation, temperature)
+        heuristic.network.check(stored.observation)
+    except (KeyError, ValueError, IndexError) as error:
+        raise other_architecture(path, error) from error
+    return heuristic
+
+
+def other_architecture(path: str | os.PathLike[str], error: Exception) -> CheckpointError:
+    """The error for a file whose network has another architecture than in this version."""
+    return CheckpointError(f"{path} has another architecture than the networks of this version: {error}")

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from visualrhp.errors import ConfigError
 from visualrhp.heuristics.heuristic import Guidance, Heuristic, UniformGuidance
+from visualrhp.parameters import NonNegative, parameters
 from visualrhp.scene.scene import Scene
-from visualrhp.simulation.task import is_dropped
-from visualrhp.types import ActionSpaceName, FloatArray, State, wrap_angle
+from visualrhp.simulation.rules import is_dropped
+from visualrhp.types import ActionSpaceName, Column, FloatArray, State, state_dimension, wrap_angle
 
 
-@dataclass(frozen=True, slots=True)
+@parameters
 class CostToGo:
-    r"""The handcrafted cost-to-go in units of actions: a weighted sum of the terms that Sec. 7.5 lists.
+    r"""The handcrafted cost-to-go in units of actions: a weighted sum of the terms in Sec. 7.5.
 
-    With r, o, t the positions of robot, desired object and target region, :math:`\theta` the robot's heading and
+    With r, o, t the positions of gripper, desired object and target region, :math:`\theta` the gripper's heading and
     :math:`\angle` the wrapped difference of two directions,
 
     .. math::
@@ -26,55 +26,49 @@ class CostToGo:
             + w_{align} |\angle(t - o, o - r)| + w_{face} \, b \, |\angle(t - r, \theta)|
             + w_{drop} [\text{an object is outside the edges}],
 
-    where :math:`b = \max(0, \cos\angle(t - o, o - r))` is how much the robot is behind the desired object as seen
-    from the target region: 1 straight behind, 0 beside or in front of it.
+    where :math:`b = \max(0, \cos\angle(t - o, o - r))` measures how far the gripper is behind the desired object,
+    seen from the target region: 1 straight behind it, 0 at its side or in front of it.
 
-    The default weights are the outcome of ``python -m pipelines.tune_crafted``: with 8 x 4 roll-outs, one set for both
-    action spaces, on task instances apart from the evaluation's (docs/crafted_heuristic.md). Their scale matters beside
-    the ratios, since a drop ends a roll-out at a cost of 50: a cost-to-go above that would make dropping attractive.
+    The default weights are the result of ``python -m pipelines.tune_crafted``: one set for both action spaces, with 8 x
+    4 roll-outs, on task instances that the evaluation does not use (docs/crafted_heuristic.md). Their scale matters,
+    not only their ratios: a drop ends a roll-out at a cost of 50, so a higher cost-to-go would make dropping
+    attractive.
 
     Attributes:
-        reach: per metre between robot and desired object.
-        turn: per radian of angular displacement between the robot's heading and the desired object.
+        reach: per metre between gripper and desired object.
+        turn: per radian of angular displacement between the gripper's heading and the desired object.
         carry: per metre between desired object and target region.
-        align: per radian by which robot, desired object and target region are out of line.
-        face: per radian between heading and target region, once behind.
-        drop: for a dropped object; without effect in a roll-out, which ends there (Alg. 1).
+        align: per radian by which gripper, desired object and target region are out of line.
+        face: per radian between heading and target region, if behind the object.
+        drop: for a dropped object; no effect in roll-outs, which end with a drop (Alg. 1).
 
     Raises:
         ConfigError: a weight is negative or not a number.
     """
 
-    reach: float = 9.57
-    turn: float = 0.0898
-    carry: float = 62.2
-    align: float = 2.94
-    face: float = 0.258
-    drop: float = 50.0
-
-    def __post_init__(self) -> None:
-        for weight in fields(self):
-            if not 0.0 <= getattr(self, weight.name) < np.inf:
-                raise ConfigError(
-                    f"{weight.name}={getattr(self, weight.name)}: a weight of the handcrafted cost-to-go is a finite "
-                    "number and not negative."
-                )
+    reach: NonNegative = 9.57
+    turn: NonNegative = 0.0898
+    carry: NonNegative = 62.2
+    align: NonNegative = 2.94
+    face: NonNegative = 0.258
+    drop: NonNegative = 50.0
 
     def __call__(self, scenes: Sequence[Scene], states: Sequence[State]) -> FloatArray:
         """Return the cost-to-go of every state, [B]."""
-        poses = np.array([state.vector[:7] for state in states])  # [B, 7]: robot x, y, theta, gripper, object x, y
-        robot, heading, desired = poses[:, :2], poses[:, 2], poses[:, 5:7]
+        vectors = np.array([state.vector[: state_dimension(1)] for state in states])  # gripper and desired object
+        gripper, heading = vectors[:, Column.GRIPPER_POSITION], vectors[:, Column.GRIPPER_THETA]
+        desired = vectors[:, Column.DESIRED_POSITION]
         target = np.array([scene.target.position for scene in scenes])
         dropped = np.array([is_dropped(scene, state) for scene, state in zip(scenes, states, strict=True)])
-        to_object, to_target = _direction(desired - robot), _direction(target - desired)
+        to_object, to_target = _direction(desired - gripper), _direction(target - desired)
         misalignment = np.abs(wrap_angle(to_target - to_object))
         behind = np.maximum(0.0, np.cos(misalignment))
         return (
-            self.reach * np.linalg.norm(desired - robot, axis=1)
+            self.reach * np.linalg.norm(desired - gripper, axis=1)
             + self.turn * np.abs(wrap_angle(to_object - heading))
             + self.carry * np.linalg.norm(target - desired, axis=1)
             + self.align * misalignment
-            + self.face * behind * np.abs(wrap_angle(_direction(target - robot) - heading))
+            + self.face * behind * np.abs(wrap_angle(_direction(target - gripper) - heading))
             + self.drop * dropped
         )
 
@@ -84,7 +78,7 @@ class CraftedHeuristic(Heuristic):
     """Uniform random actions, and minus the handcrafted cost-to-go as the value (Sec. 7.5).
 
     Attributes:
-        action_space: name of the action space that actions are drawn from.
+        action_space: name of the action space that actions are sampled from.
         cost: the cost-to-go.
     """
 

@@ -1,7 +1,6 @@
-"""What guides a planner: a stochastic policy to sample from, and an estimate of the return that is still to come.
+"""The interface of heuristics: a stochastic policy to sample from, and an estimate of the remaining return.
 
-In Algorithm 1 the heuristic plays both parts: it proposes the actions of a roll-out, and it stands for the rewards
-beyond the horizon (Sec. 5.2).
+In Algorithm 1 the heuristic proposes the actions of a roll-out and estimates the rewards beyond the horizon (Sec. 5.2).
 """
 
 from __future__ import annotations
@@ -16,15 +15,16 @@ import numpy as np
 
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import make_action_space
+from visualrhp.streams import mode_generator
 from visualrhp.types import Action, ActionSpaceName, FloatArray, State
 
 
 class Guidance(ABC):
-    """A heuristic's word on B states.
+    """Policy and value of a heuristic in B states.
 
     Attributes:
         values: [B] expected return from each state.
-        observation_s: how long it took to make what the heuristic looks at [s]; 0 if it looks at the states themselves.
+        observation_s: duration of the observations [s]; 0 for a heuristic that reads the states directly.
     """
 
     values: FloatArray
@@ -32,7 +32,7 @@ class Guidance(ABC):
 
     @abstractmethod
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        """An action for every state, drawn from the policy with the state's own generator."""
+        """Sample an action for every state, each with its own generator."""
 
     @abstractmethod
     def mode(self) -> list[Action]:
@@ -50,7 +50,7 @@ class Heuristic(ABC):
 
     @abstractmethod
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
-        """Look at B states, each in its scene, in one call."""
+        """Evaluate B states, each in its scene, in one call."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class SoftmaxGuidance(Guidance):
         return np.cumsum(self.probabilities, axis=1).tolist()
 
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
-        # With a value that is not a number no comparison holds, and the search ends beyond the last action.
+        # With NaN no comparison holds, and the search ends after the last action.
         last = self.q_values.shape[1] - 1
         return [
             min(bisect_right(row, rng.random() * row[-1]), last)
@@ -122,7 +122,7 @@ class GaussianGuidance(Guidance):
 
 @dataclass(frozen=True)
 class UniformGuidance(Guidance):
-    """Actions drawn uniformly; the mode is the first of a fixed stream, as no action is likelier than another.
+    """A uniform policy; its mode is the first action of a fixed stream, since all actions are equally likely.
 
     Attributes:
         action_space: name of the action space.
@@ -137,4 +137,4 @@ class UniformGuidance(Guidance):
         return [action_space.sample(rng) for rng in rngs]
 
     def mode(self) -> list[Action]:
-        return self.sample([np.random.default_rng(0) for _ in self.values])
+        return self.sample([mode_generator() for _ in self.values])

@@ -1,60 +1,60 @@
 r"""The first layer of the image networks, made for label images: CoordConv, convolution 3 x 3 and max pooling 4 x 4.
 
-It has the weights of ``nn.Conv2d(5, out, 3)`` and computes what colouring the labels, appending two coordinate
-channels, convolving and pooling would, and its gradient, in single precision and nearly ten times faster on a CPU.
-Three facts do it:
+It has the weights of ``nn.Conv2d(5, out, 3)``. The result and its gradient, in single precision, are those of colouring
+the labels, appending two coordinate channels, convolving and pooling, but nearly ten times faster on a CPU. It exploits
+three facts:
 
 - **Coordinates are linear**, and so is their convolution: a plane :math:`a_f + b_f \cdot (row, column)` for each filter
-  :math:`f`. It splits into its value at the centre of a pooling cell, added after pooling, and an offset of each of the
-  16 pixels of a cell, the same in all cells.
-- **Two thirds of the cells are uniform**: they and their border of one pixel show one label. Their pooled value depends
-  on the label alone, and comes from a table with a row a label.
-- **A label is one of six**, so three neighbouring pixels are one of 216 codes, and a cell with its border (6 x 6
-  pixels) is twelve codes. A cell is convolved by adding up twelve rows of a table, which holds for each of the twelve
-  places and each code its share in the 16 x out values to be pooled. Backwards, the gradient of a pooled value reaches
-  one pixel, whose 3 x 3 patch is three codes: a histogram over (row of the kernel, filter, code) holds all that the
-  weights need.
+  :math:`f`. It is the sum of its value at the centre of a pooling cell, added after pooling, and an offset for each of
+  the 16 pixels of a cell, the same in all cells.
+- **Two thirds of the cells are uniform**: they and their border of one pixel have a single label. Their pooled value
+  depends only on the label, and comes from a table with one row per label.
+- **A label is one of six**, so three neighbouring pixels have one of 216 codes, and a cell with its border (6 x 6
+  pixels) has twelve codes. A cell is convolved by adding twelve rows of a table, which holds the contribution of each
+  code at each of the twelve places to the 16 x out values to be pooled. In the backward pass, the gradient of a pooled
+  value reaches one pixel, whose 3 x 3 patch has three codes: a histogram over (row of the kernel, filter, code) is
+  sufficient for the gradient of the weights.
 
-Beyond the border of the image the label is that of the world beyond the surface (edge), and the coordinates go on.
+Outside the image, the label is that of the world beyond the surface (edge), and the coordinates continue.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from visualrhp.rendering.label_image import IMAGE_SIZE, PALETTE, Label
+from visualrhp.heuristics.architecture import (
+    CELLS,
+    NUM_CODES,
+    NUM_LABELS,
+    PATCH,
+    POOLING,
+    cell_centres,
+    cell_offsets,
+    cell_windows,
+    code_colours,
+    kernel_offsets,
+    label_colours,
+)
+from visualrhp.observation.label_image import IMAGE_SIZE, Label
 
-POOLING: Final = 4
-"""Side of a pooling cell [pixels]."""
-
-_CELLS = IMAGE_SIZE // POOLING
-_LABELS = len(PALETTE)
-_CODES = _LABELS**3
-_PATCH = POOLING + 2
-_PLACES = _PATCH * _PATCH // 3
+_PLACES = PATCH * PATCH // 3
 _POSITIONS = POOLING * POOLING
 _CHUNK = 500
-"""Images convolved at a time: what the roughly 60 KB of each need then stays in the processor's cache."""
+"""Number of images convolved at a time, so that their data (about 60 kB each) stays in the processor cache."""
 
-_SPACING = 2.0 / (IMAGE_SIZE - 1)
-_MIXED = _LABELS
-"""Stands for several labels in one cell."""
-
-
-def label_colours() -> torch.Tensor:
-    """[6, 3] colour of each label as a network sees it, from -1 to 1."""
-    return torch.from_numpy(PALETTE) / 127.5 - 1.0
+_MIXED = NUM_LABELS
+"""Label of cells with several labels."""
 
 
 class LabelConvolution(nn.Module):
     """CoordConv (three colours, two coordinates from -1 to 1), convolution 3 x 3 and max pooling 4 x 4 of label images.
 
     Args:
-        out_channels: filters.
+        out_channels: number of filters.
     """
 
     _colours: torch.Tensor
@@ -67,32 +67,27 @@ class LabelConvolution(nn.Module):
 
     def __init__(self, out_channels: int) -> None:
         super().__init__()
-        # Holds the parameters (colours, row, column) and initialises them; it is not called.
+        # Holds and initialises the parameters (colours, row, column); it is not called.
         self.convolution = nn.Conv2d(5, out_channels, 3)
         self.out_channels = out_channels
-        colours = label_colours()
-        centres = torch.linspace(-1.0, 1.0, IMAGE_SIZE).view(_CELLS, POOLING).mean(dim=1)
-        within = (torch.arange(POOLING) - 0.5 * (POOLING - 1)) * _SPACING
-        taps = (torch.arange(3) - 1) * _SPACING
-        codes = torch.cartesian_prod(*[torch.arange(_LABELS)] * 3)  # [216, 3], the last label changes fastest
         constants = {
-            "colours": colours,
-            "code_colours": colours[codes].flatten(1),  # [216, 9]: pixel, colour
-            "centres": torch.cartesian_prod(centres, centres),  # [256, 2] row, column
-            "within": torch.cartesian_prod(within, within),  # [16, 2]
-            "taps": torch.stack(torch.meshgrid(taps, taps, indexing="ij")),  # [2, 3, 3]
+            "colours": torch.from_numpy(label_colours()),
+            "code_colours": torch.from_numpy(code_colours()),
+            "centres": torch.from_numpy(cell_centres()),
+            "within": torch.from_numpy(cell_offsets()),
+            "taps": torch.from_numpy(kernel_offsets()),
             "kernel_index": _kernel_index(out_channels),
-            "windows": cell_windows()[1],
+            "windows": torch.from_numpy(cell_windows()[1]),
         }
         for name, constant in constants.items():
             self.register_buffer(f"_{name}", constant, persistent=False)
 
     def forward(self, labels: torch.Tensor) -> torch.Tensor:
-        """Labels [B, 64, 64] uint8 to pooled maps [B, out, 16, 16], the channels last in memory."""
+        """Labels [B, 64, 64] uint8 to pooled maps [B, out, 16, 16], channels last in memory."""
         if len(labels) > _CHUNK:
             return torch.cat([self(chunk) for chunk in labels.split(_CHUNK)])
         padded = functional.pad(labels, (1, 1, 1, 1), value=int(Label.EDGE))
-        codes = padded[:, :, :-2] * _LABELS**2 + padded[:, :, 1:-1] * _LABELS + padded[:, :, 2:]  # [B, 66, 64]
+        codes = padded[:, :, :-2] * NUM_LABELS**2 + padded[:, :, 1:-1] * NUM_LABELS + padded[:, :, 2:]  # [B, 66, 64]
         lowest, highest = _cell_range(padded)
         cell_labels = torch.where(lowest == highest, lowest, _MIXED)
 
@@ -100,15 +95,16 @@ class LabelConvolution(nn.Module):
         pooled = _PooledColourConvolution.apply(
             kernel, offsets, uniform, cell_labels, codes, self._code_colours, self._kernel_index, self._windows
         )
-        maps = pooled.view(-1, _CELLS * _CELLS, self.out_channels) + plane
-        return maps.view(-1, _CELLS, _CELLS, self.out_channels).permute(0, 3, 1, 2)
+        maps = pooled.view(-1, CELLS * CELLS, self.out_channels) + plane
+        return maps.view(-1, CELLS, CELLS, self.out_channels).permute(0, 3, 1, 2)
 
     def parts(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """What the weights come down to.
+        """Constants that depend on the weights.
 
         Returns:
-            The kernel of the colours [out, 3, 3, 3]; what the coordinates add at the 16 pixels of a cell [16, out]; the
-            pooled values of a cell of one label [6, out]; what the coordinates add to every cell as a whole [256, out].
+            The kernel of the colours [out, 3, 3, 3]; the contribution of the coordinates to the 16 pixels of a cell
+            [16, out]; the pooled values of a cell with a single label [6, out]; the contribution of the coordinates to
+            every cell [256, out].
         """
         kernel, coordinate_kernel = self.convolution.weight.split((3, 2), dim=1)
         slope = coordinate_kernel.sum(dim=(2, 3)).T  # [2, out]
@@ -120,13 +116,13 @@ class LabelConvolution(nn.Module):
         return kernel, offsets, uniform, plane
 
     def table(self) -> torch.Tensor:
-        """[12, 216, 16 out] the share of a code at each of the twelve places in the values to be pooled."""
+        """[12, 216, 16 out] contribution of a code at each of the twelve places to the values to be pooled."""
         kernel, offsets, _, _ = self.parts()
         return _table(kernel, offsets, self._code_colours, self._kernel_index)
 
 
 class _PooledColourConvolution(torch.autograd.Function):
-    """Convolution of the colours, plus an offset of each pixel of a cell, and max pooling; gradient in the weights."""
+    """Convolution of the colours, an offset for each pixel of a cell, and max pooling; gradient of the weights."""
 
     @staticmethod
     def forward(
@@ -145,12 +141,12 @@ class _PooledColourConvolution(torch.autograd.Function):
         Args:
             kernel: [out, 3, 3, 3] filter, colour, row, column.
             offsets: [16, out].
-            uniform: [6, out] pooled values of a cell of one label.
-            cell_labels: [B, 16, 16] uint8, 6 where there are several.
+            uniform: [6, out] pooled values of a cell with a single label.
+            cell_labels: [B, 16, 16] uint8, 6 for several labels.
             codes: [B, 66, 64] uint8 of three neighbouring pixels.
             code_colours: [216, 9] the colours of a code.
             kernel_index: see :func:`_kernel_index`.
-            windows: [12] where the codes of a cell are, from its first.
+            windows: [12] positions of the codes of a cell, relative to its first.
 
         Returns:
             [256 B, out].
@@ -160,7 +156,7 @@ class _PooledColourConvolution(torch.autograd.Function):
         corners = (image * (IMAGE_SIZE + 2) + row * POOLING) * IMAGE_SIZE + column * POOLING  # their first code
         table = _table(kernel, offsets, code_colours, kernel_index)
         rows = codes.flatten().index_select(0, (corners[:, None] + windows).flatten()).view(-1, _PLACES) + (
-            torch.arange(0, _PLACES * _CODES, _CODES, dtype=torch.int32, device=codes.device)
+            torch.arange(0, _PLACES * NUM_CODES, NUM_CODES, dtype=torch.int32, device=codes.device)
         )
         values = functional.embedding_bag(rows, table.flatten(0, 1), mode="sum")
         cells = values.view(-1, POOLING, POOLING, out).permute(0, 3, 1, 2)
@@ -168,7 +164,7 @@ class _PooledColourConvolution(torch.autograd.Function):
 
         cell_labels = cell_labels.flatten().int()
         result = functional.embedding(cell_labels, functional.pad(uniform, (0, 0, 0, 1)))
-        mixed = (image * _CELLS + row) * _CELLS + column
+        mixed = (image * CELLS + row) * CELLS + column
         result.index_copy_(0, mixed, pooled.view(-1, out))
         ctx.save_for_backward(cell_labels, codes, corners, mixed, positions.view(-1, out), code_colours)
         return result
@@ -178,20 +174,20 @@ class _PooledColourConvolution(torch.autograd.Function):
         (gradient,) = gradients
         cell_labels, codes, corners, mixed, positions, code_colours = ctx.saved_tensors
         out = gradient.shape[1]
-        one_hot = cell_labels[:, None] == torch.arange(_LABELS, device=gradient.device)
+        one_hot = cell_labels[:, None] == torch.arange(NUM_LABELS, device=gradient.device)
         uniform = one_hot.to(gradient.dtype).T @ gradient
         gradient = gradient.index_select(0, mixed).flatten()
 
         filters = torch.arange(out, device=gradient.device)
         offsets = gradient.new_zeros(_POSITIONS * out)
         offsets.scatter_add_(0, (positions * out + filters).flatten(), gradient)
-        # First code of the patch that each pooled value comes from; its others are one and two lines further down.
+        # First code of the patch of each pooled value; the other two are one and two lines below.
         patches = (corners[:, None] + (positions >> 2) * IMAGE_SIZE + (positions & 3)).flatten()
-        histogram = gradient.new_zeros(3, out * _CODES)
+        histogram = gradient.new_zeros(3, out * NUM_CODES)
         for row in range(3):
             code = codes.flatten().index_select(0, patches + row * IMAGE_SIZE).view(-1, out)
-            histogram[row].scatter_add_(0, (filters * _CODES + code).flatten(), gradient)
-        kernel = histogram.view(3, out, _CODES) @ code_colours  # [row, filter, (column, colour)]
+            histogram[row].scatter_add_(0, (filters * NUM_CODES + code).flatten(), gradient)
+        kernel = histogram.view(3, out, NUM_CODES) @ code_colours  # [row, filter, (column, colour)]
         kernel = kernel.view(3, out, 3, 3).permute(1, 3, 0, 2)
         return kernel, offsets.view(_POSITIONS, out), uniform, None, None, None, None, None
 
@@ -209,8 +205,8 @@ def _table(
 def _cell_range(padded: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Least and greatest label [B, 16, 16] of each cell and its border, from the padded image [B, 66, 66]."""
     lowest = highest = padded
-    for axis in (1, 2):  # rows first: that part is contiguous in memory
-        lines = [slice(start, start + IMAGE_SIZE - POOLING + 1, POOLING) for start in range(_PATCH)]
+    for axis in (1, 2):  # rows first, since they are contiguous in memory
+        lines = [slice(start, start + IMAGE_SIZE - POOLING + 1, POOLING) for start in range(PATCH)]
         index = [(slice(None), line) if axis == 1 else (slice(None), slice(None), line) for line in lines]
         low, high = lowest[index[0]], highest[index[0]]
         for entry in index[1:]:
@@ -219,24 +215,13 @@ def _cell_range(padded: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return lowest, highest
 
 
-def cell_windows() -> tuple[torch.Tensor, torch.Tensor]:
-    """Where the codes of a cell are in the flat map of codes [66 * 64].
-
-    Returns:
-        [256] the first code of each cell; [12] the codes of a cell from its first: two in each of six rows.
-    """
-    steps = torch.arange(0, IMAGE_SIZE, POOLING)
-    within = torch.arange(_PATCH)[:, None] * IMAGE_SIZE + torch.arange(0, _PATCH, 3)
-    return (steps[:, None] * IMAGE_SIZE + steps).flatten(), within.flatten()
-
-
 def _kernel_index(out: int) -> torch.Tensor:
-    """[12, 9, 16 out] the entry of the flat kernel [out, 3, 3, 3] with which a colour of a pixel counts (its end: 0).
+    """[12, 9, 16 out] the entry of the flat kernel [out, 3, 3, 3] for a colour of a pixel (its length for none).
 
     The axes: place of the code, (pixel of the code, colour), (position within the cell, filter).
     """
-    row = torch.arange(_PATCH).view(-1, 1, 1, 1, 1, 1, 1)
-    column = torch.arange(_PATCH).view(1, 2, 3, 1, 1, 1, 1)
+    row = torch.arange(PATCH).view(-1, 1, 1, 1, 1, 1, 1)
+    column = torch.arange(PATCH).view(1, 2, 3, 1, 1, 1, 1)
     colour = torch.arange(3).view(1, 1, 1, 3, 1, 1, 1)
     kernel_row = row - torch.arange(POOLING).view(1, 1, 1, 1, -1, 1, 1)
     kernel_column = column - torch.arange(POOLING).view(1, 1, 1, 1, 1, -1, 1)

@@ -1,16 +1,18 @@
 """The networks of Sec. 7.2, for label images and for Cartesian features.
 
-Both networks share the convolutional part. Three things make it fast on a CPU without changing what it computes, or
-hardly:
+Both networks have the same convolutional part. Three optimizations make it fast on a CPU, with hardly any change to the
+result:
 
-- The first layer, on the full image, makes use of what label images are: :mod:`visualrhp.heuristics.label_convolution`.
-- CoordConv's coordinates are the same in all images, and so is what a convolution makes of them: it is computed once a
-  batch and added.
-- Max pooling comes right after the convolution, so that normalization and activation see the pooled map, 4 to 16 times
-  smaller (normalizing after pooling is a departure; the activation is monotone, so its order does not matter).
+- The first layer, on the full image, exploits the structure of label images
+  (:mod:`visualrhp.heuristics.label_convolution`).
+- CoordConv's coordinates are the same in all images, and so is their convolution: it is computed once per batch and
+  added.
+- Max pooling directly follows the convolution, so that normalization and activation process the pooled map, which is 4
+  to 16 times smaller (normalization after pooling is a departure; the activation is monotone, so its order does not
+  matter).
 
-Normalization is per sample (over channels and pixels): batch statistics would make the policy that collects differ from
-the one that is updated.
+Normalization is per sample (over channels and pixels): with batch statistics, the collecting policy would differ from
+the updated one.
 """
 
 from __future__ import annotations
@@ -22,22 +24,23 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from visualrhp.environments.task import ObservationFunction
+from visualrhp.heuristics.architecture import (
+    MAX_STD,
+    MIN_STD,
+    NEGATIVE_SLOPE,
+    NORMALIZATION_EPS,
+    RETURN_SCALE,
+    axis_coordinates,
+)
 from visualrhp.heuristics.label_convolution import LabelConvolution
-from visualrhp.rendering.label_image import IMAGE_SIZE
+from visualrhp.observation import Observation
+from visualrhp.observation.label_image import IMAGE_SIZE
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
-
-RETURN_SCALE: Final = 20.0
-"""The value heads predict returns in units of this: returns are of the order of -20, the outputs of a layer of 1."""
-
-MIN_STD: Final = 0.05
-MAX_STD: Final = 1.0
-"""Range of the policy's standard deviations, in units of the action's range; the sigmoid goes from one to the other."""
 
 
 def _coordinates(size: int) -> torch.Tensor:
     """[2, size, size] row and column of every pixel, from -1 to 1."""
-    axis = torch.linspace(-1.0, 1.0, size)
+    axis = torch.from_numpy(axis_coordinates(size))
     return torch.stack(torch.meshgrid(axis, axis, indexing="ij"))
 
 
@@ -63,7 +66,7 @@ class CoordConv(nn.Module):
         return functional.max_pool2d(functional.conv2d(maps, kernel, padding=1) + plane, 2)
 
     def parts(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The kernel of the maps [out, in, 3, 3], and what coordinates and bias add [1, out, s, s]."""
+        """The kernel of the maps [out, in, 3, 3], and the contribution of coordinates and bias [1, out, s, s]."""
         kernel, coordinate_kernel = self.convolution.weight.split((self.in_channels, 2), dim=1)
         return kernel, functional.conv2d(self._coordinates, coordinate_kernel, self.convolution.bias, padding=1)
 
@@ -77,14 +80,14 @@ class ImageEncoder(nn.Module):
         super().__init__()
         self.layers = nn.Sequential(
             LabelConvolution(8),
-            nn.GroupNorm(1, 8),
-            nn.LeakyReLU(),
+            nn.GroupNorm(1, 8, NORMALIZATION_EPS),
+            nn.LeakyReLU(NEGATIVE_SLOPE),
             CoordConv(8, 8, IMAGE_SIZE // 4),
-            nn.GroupNorm(1, 8),
-            nn.LeakyReLU(),
+            nn.GroupNorm(1, 8, NORMALIZATION_EPS),
+            nn.LeakyReLU(NEGATIVE_SLOPE),
             CoordConv(8, 16, IMAGE_SIZE // 8),
-            nn.GroupNorm(1, 16),
-            nn.LeakyReLU(),
+            nn.GroupNorm(1, 16, NORMALIZATION_EPS),
+            nn.LeakyReLU(NEGATIVE_SLOPE),
             nn.Flatten(),
         )
 
@@ -93,26 +96,27 @@ class ImageEncoder(nn.Module):
         return self.layers(labels)
 
 
-class CartesianEncoder(nn.Module):
-    """Cartesian features as they are: "the same architectures" (Sec. 7.5), where there is nothing to convolve."""
+class FeatureEncoder(nn.Module):
+    """Identity: "the same architectures" (Sec. 7.5), but without convolutions."""
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """[B, 4 m + 6] unchanged."""
+        """[B, F] unchanged."""
         return features
 
 
-def _encoder(observation: ObservationFunction) -> tuple[nn.Module, int]:
-    """The encoder of an observation and the number of its features, the binary gripper state included."""
-    if observation.name == "image":
+def _encoder(observation: Observation) -> tuple[nn.Module, int]:
+    """The encoder of an observation, by its shape, and the number of its features with the binary gripper state."""
+    if observation.shape == (IMAGE_SIZE, IMAGE_SIZE):
         return ImageEncoder(), ImageEncoder.FEATURES + 1
-    return CartesianEncoder(), observation.shape[0] + 1
+    (size,) = observation.shape
+    return FeatureEncoder(), size + 1
 
 
 def _dense(*sizes: int) -> nn.Sequential:
     """Fully connected layers, each followed by a leaky ReLU."""
     layers: list[nn.Module] = []
     for size_in, size_out in pairwise(sizes):
-        layers += [nn.Linear(size_in, size_out), nn.LeakyReLU()]
+        layers += [nn.Linear(size_in, size_out), nn.LeakyReLU(NEGATIVE_SLOPE)]
     return nn.Sequential(*layers)
 
 
@@ -120,12 +124,12 @@ class QNetwork(nn.Module):
     """Action values of the discrete action space.
 
     Args:
-        observation: what it reads.
+        observation: that the network reads.
     """
 
     action_space: Final = "discrete"
 
-    def __init__(self, observation: ObservationFunction) -> None:
+    def __init__(self, observation: Observation) -> None:
         super().__init__()
         self.observation = observation
         self.encoder, features = _encoder(observation)
@@ -136,7 +140,7 @@ class QNetwork(nn.Module):
         """Action values.
 
         Args:
-            observation: [B, 64, 64] uint8 labels or [B, 4 m + 6] features.
+            observation: [B, 64, 64] uint8 labels or [B, F] features.
             gripper_closed: [B] or [B, 1].
 
         Returns:
@@ -149,12 +153,12 @@ class ActorCritic(nn.Module):
     """Gaussian policy and value of the continuous action space, with shared layers.
 
     Args:
-        observation: what it reads.
+        observation: that the network reads.
     """
 
     action_space: Final = "continuous"
 
-    def __init__(self, observation: ObservationFunction) -> None:
+    def __init__(self, observation: Observation) -> None:
         super().__init__()
         self.observation = observation
         self.encoder, features = _encoder(observation)
@@ -168,7 +172,7 @@ class ActorCritic(nn.Module):
         """Policy and value.
 
         Args:
-            observation: [B, 64, 64] uint8 labels or [B, 4 m + 6] features.
+            observation: [B, 64, 64] uint8 labels or [B, F] features.
             gripper_closed: [B] or [B, 1].
 
         Returns:
@@ -181,10 +185,10 @@ class ActorCritic(nn.Module):
 
 
 def _features(encoder: nn.Module, observation: torch.Tensor, gripper_closed: torch.Tensor) -> torch.Tensor:
-    """Encoded observation and binary gripper state side by side."""
+    """Concatenate the encoded observation and the binary gripper state."""
     return torch.cat([encoder(observation), gripper_closed.reshape(-1, 1).float()], dim=-1)
 
 
-def make_network(action_space: str, observation: ObservationFunction) -> QNetwork | ActorCritic:
-    """The network of an action space, freshly initialised from torch's generator."""
+def make_network(action_space: str, observation: Observation) -> QNetwork | ActorCritic:
+    """Make the network of an action space, initialised with torch's generator."""
     return {"discrete": QNetwork, "continuous": ActorCritic}[action_space](observation)

@@ -1,1 +1,1 @@
-"""How a heuristic is learned (Sec. 6): demonstrations, imitation, reinforcement learning, and their checkpoints."""
+"""Learning of heuristics (Sec. 6): imitation and reinforcement learning, and their checkpoints."""

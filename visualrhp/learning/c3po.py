@@ -1,15 +1,15 @@
-r"""Critic Correction Conditioned Policy Optimization on top of PPO (Sec. 6.3.2, Alg. 2), continuous action space.
+r"""Critic Correction Conditioned Policy Optimization on top of PPO (Sec. 6.3.2, Algorithm 2), continuous action space.
 
-One iteration, with the time at which each quantity is taken:
+One iteration, with the parameters that each quantity is computed with:
 
 ============================ =================================================================================
-step                         what is computed with which parameters
+step                         quantities and their parameters
 ============================ =================================================================================
 collect                      a ~ pi_theta (unclipped; the environment clips for execution)
 theta_old <- theta           pi_old, v_old(s), v_old(s'): one-step targets of Eq. 10
-Optimize L_baseline          theta moves; pi_old and the targets stay
+Optimize L_baseline          theta changes; pi_old and the targets are fixed
 theta_old <- theta           pi_old(a|s), v_old(s), v_old(s') again: advantages (Eq. 9) and targets of Eq. 8
-Optimize L_actor-critic      theta moves; all of the above stay
+Optimize L_actor-critic      theta changes; all of the above are fixed
 ============================ =================================================================================
 
 Without the baseline step (``baseline_step=False``) this is PPO, the comparison of Fig. 6.
@@ -18,7 +18,6 @@ Without the baseline step (``baseline_step=False``) this is PPO, the comparison 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -32,76 +31,19 @@ from torchrl.modules import IndependentNormal
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
-from visualrhp.errors import ConfigError
+from visualrhp.learning.configs import C3POConfig
 from visualrhp.learning.reinforcement import (
     CollectionEnvironment,
     GreedyEvaluation,
-    Metrics,
     ReinforcementLearner,
     mean_metrics,
     require_multiple,
 )
-from visualrhp.simulation.task import DISCOUNT
+from visualrhp.streams import TrainingStream
+from visualrhp.types import Metrics
 
 _NETWORK_INPUTS = ("observation", "gripper_closed")
 _NETWORK_OUTPUTS = ("loc", "scale", "state_value")
-
-
-@dataclass(frozen=True, slots=True)
-class C3POConfig:
-    """Parameters of C3PO; the defaults are those of Sec. 7.4.
-
-    Attributes:
-        buffer_size: transitions collected an iteration, a multiple of the number of environments.
-        batch_size: M, transitions in a minibatch.
-        baseline_epochs: epochs over L_baseline (Eq. 10).
-        policy_epochs: epochs over L_actor-critic (Eq. 8).
-        baseline_step: whether L_baseline is optimized at all; False is plain PPO.
-        lr: learning rate of Adam.
-        discount: gamma.
-        clip_epsilon: PPO's clip of the ratio in Eq. 8.
-        value_coefficient: c3.
-        entropy_coefficient: c4.
-        baseline_value_coefficient: c5.
-        trace_decay: lambda of the returns; 0 gives the one-step targets of Eq. 8 to 10.
-        normalize_advantage: whether the advantages of a minibatch are standardized (not in the paper).
-        max_grad_norm: limit of the norm of the gradient, or None (as in the paper).
-
-    Raises:
-        ConfigError: a parameter is out of range.
-    """
-
-    buffer_size: int = 10_000
-    batch_size: int = 2_000
-    baseline_epochs: int = 20
-    policy_epochs: int = 15
-    baseline_step: bool = True
-    lr: float = 1e-5
-    discount: float = DISCOUNT
-    clip_epsilon: float = 0.075
-    value_coefficient: float = 0.7
-    entropy_coefficient: float = 0.1
-    baseline_value_coefficient: float = 0.35
-    trace_decay: float = 0.0
-    normalize_advantage: bool = False
-    max_grad_norm: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("buffer_size", "batch_size", "baseline_epochs", "policy_epochs"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be at least 1")
-        if self.batch_size > self.buffer_size:
-            raise ConfigError(f"batch_size={self.batch_size} must not exceed buffer_size={self.buffer_size}")
-        for name in ("lr", "clip_epsilon", "value_coefficient", "baseline_value_coefficient"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be positive")
-        if self.entropy_coefficient < 0.0:
-            raise ConfigError(f"entropy_coefficient={self.entropy_coefficient}: must not be negative")
-        if self.max_grad_norm is not None and not self.max_grad_norm > 0.0:
-            raise ConfigError(f"max_grad_norm={self.max_grad_norm}: must be positive, or null for no limit")
-        for name in ("discount", "trace_decay"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be within [0, 1]")
 
 
 def policy_distribution(mean: torch.Tensor, std: torch.Tensor) -> Independent:
@@ -121,7 +63,7 @@ def baseline_loss(outputs: TensorDictBase, batch: TensorDictBase, baseline_value
         baseline_value_coefficient: c5.
 
     Returns:
-        ``loss_value`` (c5 included) and ``loss_kl``.
+        ``loss_value`` (including c5) and ``loss_kl``.
     """
     value_error = batch["value_target"] - outputs["state_value"]
     divergence = kl_divergence(
@@ -134,7 +76,7 @@ def baseline_loss(outputs: TensorDictBase, batch: TensorDictBase, baseline_value
 
 
 class C3PO(ReinforcementLearner):
-    """C3PO (or PPO) in N environments side by side. See the module for the algorithm.
+    """C3PO (or PPO) in N environments in parallel. The module documents the algorithm.
 
     Args:
         network: ``forward(observation, gripper_closed) -> (mean [B, 4], std [B, 4], value [B])``; trained in place.
@@ -145,7 +87,7 @@ class C3PO(ReinforcementLearner):
         evaluate_every: iterations between evaluations.
 
     Raises:
-        ConfigError: the buffer size is no multiple of the number of environments.
+        ConfigError: frames_per_batch is not a multiple of the number of environments.
     """
 
     def __init__(
@@ -159,14 +101,14 @@ class C3PO(ReinforcementLearner):
         evaluate_every: int = 1,
     ) -> None:
         super().__init__(network, env, evaluate, evaluate_every)
-        require_multiple("buffer_size", config.buffer_size, env.batch_size[0])
+        require_multiple("frames_per_batch", config.frames_per_batch, env.batch_size[0])
         self.config = config
-        # Mean, std and value come from one pass through the shared body; the loss finds the value already computed.
+        # One pass through the shared layers computes mean, std and value; the loss finds the value already computed.
         self._actor_critic = TensorDictModule(_Columns(network), list(_NETWORK_INPUTS), list(_NETWORK_OUTPUTS))
         sampling = ProbabilisticTensorDictModule(
             in_keys=["loc", "scale"], out_keys=["action"], distribution_class=IndependentNormal, return_log_prob=True
         )
-        self._policy_loss = ClipPPOLoss(
+        self.policy_loss = ClipPPOLoss(
             ProbabilisticTensorDictSequential([self._actor_critic, sampling]),
             TensorDictModule(nn.Identity(), ["state_value"], ["state_value"]),
             clip_epsilon=config.clip_epsilon,
@@ -176,11 +118,11 @@ class C3PO(ReinforcementLearner):
             normalize_advantage=config.normalize_advantage,
             functional=False,
         )
-        # Two optimizers: the running moments of one loss say nothing about the gradients of the other.
+        # Two optimizers, since the running moments of one loss do not describe the gradients of the other.
         self._baseline_optimizer = torch.optim.Adam(network.parameters(), lr=config.lr)
         self._policy_optimizer = torch.optim.Adam(network.parameters(), lr=config.lr)
-        self._sampling = torch.Generator().manual_seed(2 * seed)
-        self._shuffling = torch.Generator().manual_seed(2 * seed + 1)
+        self._sampling = torch.Generator().manual_seed(TrainingStream.C3PO_ACTIONS.seed(seed))
+        self._shuffling = torch.Generator().manual_seed(TrainingStream.C3PO_MINIBATCHES.seed(seed))
 
     def _parts(self) -> dict[str, Any]:
         return {
@@ -191,35 +133,35 @@ class C3PO(ReinforcementLearner):
         }
 
     def _iterate(self) -> Metrics:
-        """One iteration of Alg. 2."""
-        transitions, metrics = self._collector.collect(self._act, self.config.buffer_size)
+        """One iteration of Algorithm 2."""
+        transitions, metrics = self.collector.collect(self.act, self.config.frames_per_batch)
         start = time.perf_counter()
         num_epochs = self.config.policy_epochs
         if self.config.baseline_step:
-            data = self._with_old_parameters(transitions)
+            data = self.with_old_parameters(transitions)
             metrics["value/td_rmse_before"] = _td_rmse(data)
-            metrics.update(self._optimize_baseline(data))
+            metrics.update(self.optimize_baseline(data))
             num_epochs += self.config.baseline_epochs
-        data = self._with_old_parameters(transitions)
+        data = self.with_old_parameters(transitions)
         metrics["value/td_rmse"] = _td_rmse(data)
         metrics["value/mean"] = data["old_value"].mean().item()
         metrics["policy/advantage_std"] = data["advantage"].std().item()
-        metrics.update(self._optimize_policy(data))
+        metrics.update(self.optimize_policy(data))
         metrics["optimization/samples_per_s"] = num_epochs * data.numel() / (time.perf_counter() - start)
         return metrics
 
-    def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """a ~ N(mean, std), with its log-probability as sampled, that is before the environment clips it."""
+    def act(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """a ~ N(mean, std), with the log-probability of the sample, before the environment clips it."""
         outputs = self._actor_critic(tensordict.select(*_NETWORK_INPUTS).to(self._device)).cpu()
         noise = torch.randn(outputs["loc"].shape, generator=self._sampling)
         return tensordict.set("action", outputs["loc"] + outputs["scale"] * noise)
 
     @torch.no_grad()
-    def _with_old_parameters(self, transitions: TensorDictBase) -> TensorDictBase:
-        """theta_old <- theta: all that Eq. 8 to 10 take at theta_old.
+    def with_old_parameters(self, transitions: TensorDictBase) -> TensorDictBase:
+        """theta_old <- theta: compute all quantities of Eq. 8, Eq. 9 and Eq. 10 at theta_old.
 
         Args:
-            transitions: [N, T] in the order of time.
+            transitions: [N, T] in chronological order.
 
         Returns:
             the transitions, flattened to [N T], with ``old_loc``, ``old_scale`` [N T, 4], ``old_value`` [N T, 1],
@@ -230,7 +172,7 @@ class C3PO(ReinforcementLearner):
         inputs = transitions.select(*_NETWORK_INPUTS, "action").to(self._device)
         outputs: Any = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
         value = outputs["state_value"]
-        # s' is the next row's s, and need not be evaluated again, except where an episode or the collection ends.
+        # s' is the s of the next row, except where an episode or the collection ends, so it is not evaluated again.
         next_value = value.roll(-1, dims=1)
         is_last = following["done"].squeeze(-1).clone()
         is_last[:, -1] = True
@@ -238,7 +180,7 @@ class C3PO(ReinforcementLearner):
         next_value[is_last] = self._evaluate_network(ends)["state_value"]
         advantage, value_target = generalized_advantage_estimate(
             self.config.discount,
-            self.config.trace_decay,
+            self.config.gae_lambda,
             value,
             next_value,
             following["reward"],
@@ -258,7 +200,7 @@ class C3PO(ReinforcementLearner):
         ).flatten(0, 1)
 
     def _evaluate_network(self, inputs: Any) -> Any:
-        """Means, stds and values of many states, a minibatch at a time."""
+        """Means, stds and values of many states, one minibatch at a time."""
         parts = inputs.select(*_NETWORK_INPUTS).split(self.config.batch_size)
         return TensorDict.cat([self._actor_critic(part).select(*_NETWORK_OUTPUTS) for part in parts])
 
@@ -271,7 +213,7 @@ class C3PO(ReinforcementLearner):
             generator=self._shuffling,
         )
 
-    def _optimize_baseline(self, data: TensorDictBase) -> Metrics:
+    def optimize_baseline(self, data: TensorDictBase) -> Metrics:
         """Optimize L_baseline with respect to theta (Eq. 10)."""
         minibatches = self._minibatches(data.exclude("action", "action_log_prob", "advantage"))
         terms: list[TensorDict] = []
@@ -280,23 +222,23 @@ class C3PO(ReinforcementLearner):
             for batch in minibatches:
                 outputs = self._actor_critic(batch.select(*_NETWORK_INPUTS))
                 losses = baseline_loss(outputs, batch, self.config.baseline_value_coefficient)
-                self._step(self._baseline_optimizer, losses["loss_value"] + losses["loss_kl"])
+                self.step(self._baseline_optimizer, losses["loss_value"] + losses["loss_kl"])
                 terms.append(losses)
         means = mean_metrics(terms)
         return {"baseline/loss_value": means["loss_value"], "baseline/kl": means["loss_kl"]}
 
-    def _optimize_policy(self, data: TensorDictBase) -> Metrics:
+    def optimize_policy(self, data: TensorDictBase) -> Metrics:
         """Optimize L_actor-critic with respect to theta (Eq. 8, the ratio clipped as in PPO)."""
         minibatches = self._minibatches(data)
         terms: list[TensorDict] = []
         for _ in range(self.config.policy_epochs):
             terms = []
             for batch in minibatches:
-                losses = self._policy_loss(batch)
+                losses = self.policy_loss(batch)
                 loss = losses["loss_objective"] + losses["loss_critic"]
                 if "loss_entropy" in losses:
                     loss = loss + losses["loss_entropy"]
-                self._step(self._policy_optimizer, loss)
+                self.step(self._policy_optimizer, loss)
                 terms.append(losses.select("loss_objective", "loss_critic", "entropy", "kl_approx", "clip_fraction"))
         means = mean_metrics(terms)
         return {
@@ -307,7 +249,7 @@ class C3PO(ReinforcementLearner):
             "policy/clip_fraction": means["clip_fraction"],
         }
 
-    def _step(self, optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+    def step(self, optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         if self.config.max_grad_norm is not None:
@@ -316,7 +258,7 @@ class C3PO(ReinforcementLearner):
 
 
 class _Columns(nn.Module):
-    """The network with its value as a column [B, 1], which is how torchrl's losses want it."""
+    """The network with its value as a column [B, 1], as torchrl's losses expect it."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()

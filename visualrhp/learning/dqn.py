@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,22 +16,20 @@ from torchrl.data.replay_buffers.samplers import RandomSampler
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, ValueEstimators
 
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.errors import CheckpointError
+from visualrhp.learning.configs import DQNConfig
 from visualrhp.learning.reinforcement import (
     CollectionEnvironment,
     GreedyEvaluation,
-    Metrics,
     ReinforcementLearner,
     require_multiple,
 )
 from visualrhp.planning.planner import Decision, PlanningModel
-from visualrhp.scene.sampling import Split, generator_for
 from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.simulation.action_spaces import ActionSpace, DiscreteActionSpace
-from visualrhp.simulation.task import DISCOUNT
-from visualrhp.types import Episode, State
+from visualrhp.streams import Split, Stream, TrainingStream, generator_for
+from visualrhp.types import Episode, Metrics, State
 
-_EXPLORATION_STREAM = 2
 _NETWORK_INPUTS = ("observation", "gripper_closed")
 _REPLAYED = (
     *_NETWORK_INPUTS,
@@ -42,60 +39,8 @@ _REPLAYED = (
 _REMEMBERED = ("instance", "state", "action", *(("next", key) for key in ("state", "reward", "done", "terminated")))
 
 
-@dataclass(frozen=True, slots=True)
-class DQNConfig:
-    """Parameters of DQN; the defaults are those of Sec. 7.4.
-
-    Attributes:
-        buffer_size: transitions in the replay buffer.
-        collected: transitions collected an iteration, a multiple of the number of environments.
-        epochs: passes an update, each over as many samples as were collected.
-        batch_size: M, transitions in a minibatch.
-        lr: learning rate of Adam.
-        discount: gamma.
-        epsilon: probability of a random action.
-        l2_regularization: weight of the sum of the squared parameters in the loss.
-        target_update_interval: minibatches between copies into a target network, or None for no target network (as in
-            Eq. 7).
-        max_grad_norm: limit of the norm of the gradient, or None (as in the paper).
-
-    Raises:
-        ConfigError: a parameter is out of range.
-    """
-
-    buffer_size: int = 500_000
-    collected: int = 2_000
-    epochs: int = 3
-    batch_size: int = 2_000
-    lr: float = 1e-5
-    discount: float = DISCOUNT
-    epsilon: float = 0.2
-    l2_regularization: float = 1e-5
-    target_update_interval: int | None = None
-    max_grad_norm: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("buffer_size", "collected", "epochs", "batch_size"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be at least 1")
-        if not self.lr > 0.0:
-            raise ConfigError(f"lr={self.lr}: must be positive")
-        if self.l2_regularization < 0.0:
-            raise ConfigError(f"l2_regularization={self.l2_regularization}: must not be negative")
-        for name in ("discount", "epsilon"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be within [0, 1]")
-        if self.target_update_interval is not None and self.target_update_interval < 1:
-            raise ConfigError(
-                f"target_update_interval={self.target_update_interval}: must be at least 1, or null for no target "
-                "network"
-            )
-        if self.max_grad_norm is not None and not self.max_grad_norm > 0.0:
-            raise ConfigError(f"max_grad_norm={self.max_grad_norm}: must be positive, or null for no limit")
-
-
 class TaskEnvironment(CollectionEnvironment, Protocol):
-    """Tasks that can be planned in and drawn again: :class:`visualrhp.environments.batched.BatchedClutterEnv`."""
+    """Tasks in which a planner can act: :class:`visualrhp.environments.batched.BatchedClutterEnv`."""
 
     @property
     def models(self) -> Sequence[PlanningModel]:
@@ -119,7 +64,7 @@ class TaskEnvironment(CollectionEnvironment, Protocol):
 
     @property
     def action_space(self) -> ActionSpace:
-        """The actions."""
+        """The action space."""
         ...
 
     @property
@@ -128,29 +73,29 @@ class TaskEnvironment(CollectionEnvironment, Protocol):
         ...
 
     def recall(self, instances: torch.Tensor, states: torch.Tensor) -> TensorDictBase:
-        """Observations of earlier states."""
+        """Compute the observations of earlier states."""
         ...
 
 
 class BatchPlanner(Protocol):
-    """Plans in many tasks at once: :class:`visualrhp.planning.receding_horizon.RecedingHorizon`."""
+    """Plans in several tasks at once: :class:`visualrhp.planning.receding_horizon.RecedingHorizon`."""
 
     def plan_batch(
         self, models: Sequence[PlanningModel], states: Sequence[State], rngs: Sequence[np.random.Generator]
     ) -> list[Decision]:
-        """One decision a task."""
+        """Return one decision per task."""
         ...
 
 
 class EpsilonRHP:
-    r"""The exploration policy: a random action with probability :math:`\epsilon`, otherwise what RHP answers.
+    r"""The exploration policy: a random action with probability :math:`\epsilon`, otherwise the action of RHP.
 
-    All agents that plan share the calls of the network. The random stream of a decision is a function of (seed, task
-    instance, number of the action), so that it depends neither on the other agents nor on interruptions.
+    All tasks share the calls of the network. The random stream of a decision is a function of (seed, task instance,
+    number of the action), so it depends neither on the other tasks nor on interruptions.
 
     Args:
-        env: environment whose tasks are planned in.
-        planner: receding horizon planning, guided by the network that is being trained.
+        env: environment with the tasks.
+        planner: receding horizon planning, guided by the network in training.
         epsilon: probability of a random action.
         seed: of the exploration.
     """
@@ -165,7 +110,7 @@ class EpsilonRHP:
         """Write ``action`` [N]."""
         models, states = self.env.models, self.env.states
         rngs = [
-            generator_for(self._seed, Split.REINFORCEMENT, instance, _EXPLORATION_STREAM, step)
+            generator_for(self._seed, Split.REINFORCEMENT, instance, Stream.EXPLORATION, step)
             for instance, step in zip(self.env.instances, self.env.num_actions, strict=True)
         ]
         explores = [rng.random() < self.epsilon for rng in rngs]
@@ -187,11 +132,11 @@ class EpsilonRHP:
 def demonstration_transitions(
     task: TaskInstance, episode: Episode, observe: Callable[[Scene, State], np.ndarray]
 ) -> TensorDict:
-    """The transitions of a demonstration as the replay buffer holds them, [L]; the last one is terminal."""
+    """The transitions of a demonstration in the format of the replay buffer, [L]; the last one is terminal."""
     observations = torch.from_numpy(np.stack([observe(task.scene, state) for state in episode.states]))
     closed = torch.tensor([state.gripper_closed for state in episode.states])
     terminated = torch.zeros(len(episode), 1, dtype=torch.bool)
-    terminated[-1] = episode.is_goal or episode.is_dropped
+    terminated[-1] = episode.outcome is not None and episode.outcome.is_terminal
     following = {
         "observation": observations[1:],
         "gripper_closed": closed[1:],
@@ -211,11 +156,11 @@ def demonstration_transitions(
 
 
 def make_q_loss(network: nn.Module, discount: float, has_target_network: bool = False) -> DQNLoss:
-    r"""torchrl's loss for Eq. 7, for minibatches of transitions.
+    r"""Make torchrl's loss of Eq. 7, for minibatches of transitions.
 
     .. math:: L_q(\psi) = \frac{1}{M} \sum_i (r_i + \gamma \max_{a'} q_\psi(s'_i, a') - q_\psi(s_i, a_i))^2
 
-    A terminal s' is worth nothing; a truncated episode bootstraps. The target is held fixed in the gradient.
+    A terminal s' has the value 0; truncated episodes are bootstrapped. No gradient flows through the target.
     """
     actor = QValueActor(network, in_keys=list(_NETWORK_INPUTS), spec=Categorical(DiscreteActionSpace.NUM_ACTIONS))
     loss = DQNLoss(actor, loss_function="l2", delay_value=has_target_network, action_space="categorical")
@@ -224,31 +169,32 @@ def make_q_loss(network: nn.Module, discount: float, has_target_network: bool = 
 
 
 class DQN(ReinforcementLearner):
-    r"""DQN with :math:`\epsilon`-RHP in N environments side by side.
+    r"""DQN with :math:`\epsilon`-RHP in N environments in parallel.
 
-    An iteration collects ``collected`` transitions into the replay buffer, which the demonstrations filled at first,
-    and then takes ``epochs * collected / batch_size`` optimization steps on minibatches drawn from it at random.
+    An iteration collects ``frames_per_batch`` transitions into the replay buffer, which starts with the demonstrations,
+    and then makes ``epochs * frames_per_batch / batch_size`` optimization steps on random minibatches.
 
     Args:
         network: ``forward(observation, gripper_closed) -> q [B, 8]``; trained in place.
         env: environment with the discrete action space.
-        planner: receding horizon planning (n = h = 3 in the paper) guided by ``network``.
+        make_planner: makes the receding horizon planner (n = h = 3 in the paper), guided by a network with its current
+            weights; called before each collection.
         config: parameters.
         demonstrations: (task instance, demonstration) pairs.
         seed: of the exploration and the minibatches.
         evaluate: greedy evaluation, or None.
         evaluate_every: iterations between evaluations.
-        replay_folder: scratch folder for the replay buffer, or None to hold it in memory (8 kB a transition).
+        replay_folder: scratch folder for the replay buffer, or None to hold it in memory (8 kB per transition).
 
     Raises:
-        ConfigError: the number of collected transitions is no multiple of the number of environments.
+        ConfigError: frames_per_batch is not a multiple of the number of environments.
     """
 
     def __init__(
         self,
         network: nn.Module,
         env: TaskEnvironment,
-        planner: BatchPlanner,
+        make_planner: Callable[[Any], BatchPlanner],
         config: DQNConfig,
         demonstrations: Iterable[tuple[TaskInstance, Episode]],
         *,
@@ -258,55 +204,57 @@ class DQN(ReinforcementLearner):
         replay_folder: Path | None = None,
     ) -> None:
         super().__init__(network, env, evaluate, evaluate_every)
-        require_multiple("collected", config.collected, env.batch_size[0])
+        require_multiple("frames_per_batch", config.frames_per_batch, env.batch_size[0])
         self.config = config
         self._env = env
-        self._explore = EpsilonRHP(env, planner, config.epsilon, seed)
-        self._q_loss = make_q_loss(network, config.discount, config.target_update_interval is not None)
-        # The gradient of w ||psi||^2 is 2 w psi, which is what Adam calls a weight decay of 2 w.
+        self._make_planner = make_planner
+        self._seed = seed
+        self.q_loss = make_q_loss(network, config.discount, config.target_update_interval is not None)
+        # The gradient of w ||psi||^2 is 2 w psi: in Adam, a weight decay of 2 w.
         self._optimizer = torch.optim.Adam(
             network.parameters(), lr=config.lr, weight_decay=2.0 * config.l2_regularization
         )
-        self._sampling = torch.Generator().manual_seed(seed)
+        self._sampling = torch.Generator().manual_seed(TrainingStream.DQN_MINIBATCHES.seed(seed))
         self._target_updater = None
         if config.target_update_interval is not None:  # HardUpdate counts from 0
             interval = config.target_update_interval - 1
-            self._target_updater = HardUpdate(self._q_loss, value_network_update_interval=interval)
+            self._target_updater = HardUpdate(self.q_loss, value_network_update_interval=interval)
         storage = (
             LazyTensorStorage(config.buffer_size)
             if replay_folder is None
             else LazyMemmapStorage(config.buffer_size, scratch_dir=replay_folder, existsok=True)
         )
-        self._replay = ReplayBuffer(
+        self.replay = ReplayBuffer(
             storage=storage, sampler=RandomSampler(), batch_size=config.batch_size, generator=self._sampling
         )
         self._num_demonstrated = 0
         for task, episode in demonstrations:
-            self._replay.extend(demonstration_transitions(task, episode, env.observe))
+            self.replay.extend(demonstration_transitions(task, episode, env.observe))
             self._num_demonstrated += len(episode)
         self._remembered: list[TensorDictBase] = []
 
     def _parts(self) -> dict[str, Any]:
-        return {"optimizer": self._optimizer, "sampling": self._sampling, "q_loss": self._q_loss}
+        return {"optimizer": self._optimizer, "sampling": self._sampling, "q_loss": self.q_loss}
 
     def _iterate(self) -> Metrics:
-        collected, metrics = self._collector.collect(self._explore, self.config.collected)
+        explore = EpsilonRHP(self._env, self._make_planner(self.network), self.config.epsilon, self._seed)
+        collected, metrics = self.collector.collect(explore, self.config.frames_per_batch)
         transitions: Any = collected.flatten(0, 1)
-        self._replay.extend(transitions.select(*_REPLAYED))
+        self.replay.extend(transitions.select(*_REPLAYED))
         self._remember(transitions.select(*_REMEMBERED))
         start = time.perf_counter()
-        num_batches = max(1, round(self.config.epochs * self.config.collected / self.config.batch_size))
-        losses = torch.stack([self._optimize(self._replay.sample()) for _ in range(num_batches)])
+        num_batches = max(1, round(self.config.epochs * self.config.frames_per_batch / self.config.batch_size))
+        losses = torch.stack([self.optimize(self.replay.sample()) for _ in range(num_batches)])
         metrics["q/loss"] = losses.mean().item()
         metrics["value/td_rmse"] = losses.mean().sqrt().item()
         metrics["exploration/epsilon"] = self.config.epsilon
-        metrics["replay/transitions"] = float(len(self._replay))
+        metrics["replay/transitions"] = float(len(self.replay))
         metrics["optimization/samples_per_s"] = num_batches * self.config.batch_size / (time.perf_counter() - start)
         return metrics
 
-    def _optimize(self, batch: TensorDictBase) -> torch.Tensor:
-        """One step on the loss of Eq. 7, which is returned."""
-        loss = self._q_loss(batch.to(self._device))["loss"]
+    def optimize(self, batch: TensorDictBase) -> torch.Tensor:
+        """Make one step on the loss of Eq. 7, and return the loss."""
+        loss = self.q_loss(batch.to(self._device))["loss"]
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         if self.config.max_grad_norm is not None:
@@ -316,11 +264,11 @@ class DQN(ReinforcementLearner):
             self._target_updater.step()
         return loss.detach()
 
-    # An image pair takes 8 kB. A checkpoint holds the states instead, from which the images are drawn anew; the
-    # demonstrations are given to the constructor again.
+    # An image pair takes 8 kB, so a checkpoint holds the states, from which the images are rendered again. The
+    # demonstrations are passed to the constructor again.
 
     def _remember(self, transitions: TensorDictBase) -> None:
-        """Keep in mind what a checkpoint needs of the transitions that are in the replay buffer."""
+        """Record what a checkpoint needs of the transitions in the replay buffer."""
         self._remembered.append(transitions)
         while sum(map(len, self._remembered[1:])) >= self.config.buffer_size:
             del self._remembered[0]
@@ -340,7 +288,7 @@ class DQN(ReinforcementLearner):
         if values["num_demonstrated"] != self._num_demonstrated:
             raise CheckpointError(
                 f"the checkpoint was written with {values['num_demonstrated']} demonstrated transitions in the replay "
-                f"buffer, but now there are {self._num_demonstrated}: give the same demonstrations"
+                f"buffer, but now there are {self._num_demonstrated}: pass the same demonstrations"
             )
         if self._target_updater is not None:
             self._target_updater.load_state_dict(values["target_updater"])
@@ -349,12 +297,12 @@ class DQN(ReinforcementLearner):
         if not entries:
             return
         remembered = TensorDict(entries, batch_size=entries["instance"].shape).unflatten_keys(".")
-        self._remembered = list(remembered.split(self.config.collected))
-        # The buffer is a ring: continue where the oldest transition that is still remembered was written.
-        written_before = self._num_demonstrated + self._collector.num_transitions - len(remembered)
-        self._replay.writer.load_state_dict({"_cursor": written_before % self.config.buffer_size})
+        self._remembered = list(remembered.split(self.config.frames_per_batch))
+        # The buffer is a ring: continue at the position of the oldest recorded transition.
+        written_before = self._num_demonstrated + self.collector.num_transitions - len(remembered)
+        self.replay.writer.load_state_dict({"_cursor": written_before % self.config.buffer_size})
         for part in self._remembered:
             seen: Any = part.select(*_REPLAYED, strict=False)
             seen.update(self._env.recall(part["instance"], part["state"]))
             seen["next"].update(self._env.recall(part["instance"], part["next", "state"]))
-            self._replay.extend(seen)
+            self.replay.extend(seen)

@@ -1,4 +1,4 @@
-"""What DQN and C3PO share (Sec. 6.3): collecting, statistics of episodes, keeping the best network, resuming."""
+"""Base of DQN and C3PO (Sec. 6.3): collection, statistics of episodes, the best network, resuming."""
 
 from __future__ import annotations
 
@@ -16,48 +16,46 @@ from tensordict import TensorDict, TensorDictBase
 from torch import nn
 
 from visualrhp.errors import ConfigError, LearningError
-from visualrhp.learning.checkpoints import load_training_state, save_training_state
+from visualrhp.learning.training_state import load_training_state, save_training_state
+from visualrhp.types import Metrics
 
-if "RL_LOGGING_LEVEL" not in os.environ:  # torchrl reports every new storage on stderr; this is where one asks for it
+if "RL_LOGGING_LEVEL" not in os.environ:  # by default, torchrl reports every new storage on stderr
     logging.getLogger("torchrl").setLevel(logging.WARNING)
 
-Metrics = dict[str, float]
-"""One row of the learning curves: name -> value."""
-
 GreedyEvaluation = Callable[[nn.Module], Mapping[str, float]]
-"""Measures a network under the greedy policy; must answer ``success_rate``, the share of solved validation tasks."""
+"""Evaluates the greedy policy of a network; must return ``success_rate``, the share of solved validation tasks."""
 
-Policy = Callable[[TensorDictBase], TensorDictBase]
-"""Writes the actions (and what else shall be remembered of them) for the N tasks of an environment."""
+CollectionPolicy = Callable[[TensorDictBase], TensorDictBase]
+"""Writes actions, and quantities recorded with them, for the N tasks of an environment."""
 
 
 class CollectionEnvironment(Protocol):
-    """What is needed to collect: :class:`visualrhp.environments.batched.BatchedClutterEnv`, or what behaves alike."""
+    """Environment to collect in: :class:`visualrhp.environments.batched.BatchedClutterEnv`, or an equivalent."""
 
     @property
     def batch_size(self) -> torch.Size:
-        """[N], tasks solved side by side."""
+        """[N], number of parallel tasks."""
         ...
 
     def reset(self) -> TensorDictBase:
-        """Begin N tasks."""
+        """Start N tasks."""
         ...
 
     def step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
-        """Act once in every task; begin a new one where one is over."""
+        """Act once in every task; start a new task where the episode is over."""
         ...
 
     def snapshot(self) -> dict[str, torch.Tensor]:
-        """Where the tasks stand."""
+        """The state of the N tasks."""
         ...
 
     def restore(self, snapshot: Mapping[str, torch.Tensor]) -> TensorDictBase:
-        """Go on from a snapshot."""
+        """Resume from a snapshot."""
         ...
 
 
 class Collector:
-    """Runs a policy in N tasks side by side and joins the transitions; an episode may span two collections.
+    """Runs a policy in N parallel tasks and joins the transitions; an episode may span several collections.
 
     Args:
         env: torchrl environment of batch size [N].
@@ -72,13 +70,13 @@ class Collector:
         self._current: TensorDictBase | None = None
         self._returns = torch.zeros(env.batch_size)
 
-    def collect(self, policy: Policy, num_transitions: int) -> tuple[TensorDictBase, Metrics]:
+    def collect(self, policy: CollectionPolicy, num_transitions: int) -> tuple[TensorDictBase, Metrics]:
         """Collect ``num_transitions`` transitions, a multiple of N.
 
         Returns:
-            the transitions, [N, T] in the order of time, and statistics of the episodes that ended meanwhile:
+            the transitions, [N, T] in chronological order, and statistics of the episodes that ended in them:
             ``collection/episodes``, ``/success_rate``, ``/dropped_rate``, ``/return`` (mean undiscounted sum of
-            rewards) and ``/transitions_per_s``. The rates and the return are left out if no episode ended.
+            rewards) and ``/transitions_per_s``. The rates and the return are omitted if no episode ended.
         """
         start = time.perf_counter()
         current = self.env.reset() if self._current is None else self._current
@@ -110,7 +108,7 @@ class Collector:
         return metrics
 
     def snapshot(self) -> dict[str, torch.Tensor]:
-        """What :meth:`restore` needs."""
+        """The state for :meth:`restore`."""
         return {
             **(self.env.snapshot() if self._current is not None else {}),
             "returns": self._returns,
@@ -118,30 +116,30 @@ class Collector:
         }
 
     def restore(self, snapshot: Mapping[str, torch.Tensor]) -> None:
-        """Go on from a snapshot."""
+        """Resume from a snapshot."""
         self._returns = snapshot["returns"].clone()
         self.num_transitions = int(snapshot["num_transitions"])
         self._current = self.env.restore(snapshot) if self.num_transitions else None
 
 
 class ReinforcementLearner(ABC):
-    """A training that yields one row of metrics an iteration and can be saved between any two.
+    """A training that yields one row of metrics per iteration and can be saved between iterations.
 
-    The result is a function of the arguments and the seed; a run that is saved, loaded into a new object made with the
-    same arguments, and continued gives the same bits as one that was not interrupted.
+    The result is a function of the arguments and the seed. A training that is saved, loaded into a new object with the
+    same arguments, and continued is bit-exact: it gives the result of an uninterrupted one.
 
     Args:
         network: trained in place.
         env: environment to collect in.
         evaluate: greedy evaluation, or None.
-        evaluate_every: iterations between evaluations; the start and the last iteration are always evaluated.
+        evaluate_every: iterations between evaluations; the initial network and the last iteration are always evaluated.
 
     Attributes:
-        iteration: iterations done.
-        history: the rows of metrics so far, those before a restart included.
-        network: the network as the last iteration left it.
-        best_network: a copy of the network with the best success rate of the greedy policy so far (the action
-            efficiency decides between equals), the initial network included.
+        iteration: number of finished iterations.
+        history: the rows of metrics so far, including those before a restart.
+        network: the network after the last iteration.
+        best_network: a copy of the network with the best success rate of the greedy policy so far, including the
+            initial one (ties are broken by action efficiency).
         best_iteration: the iteration after which it was copied.
     """
 
@@ -161,16 +159,16 @@ class ReinforcementLearner(ABC):
         self.iteration = 0
         self.history: list[Metrics] = []
         self._best_score: list[float] | None = None
-        self._collector = Collector(env)
+        self.collector = Collector(env)
         self._evaluate = evaluate
         self._evaluate_every = evaluate_every
 
     def run(self, num_iterations: int) -> Iterator[Metrics]:
-        """Train until ``num_iterations`` iterations are done, those before a restart included.
+        """Train until ``num_iterations`` iterations are done, including those before a restart.
 
         Yields:
-            one row of metrics an iteration, each with ``iteration``; before the first, iteration 0, the greedy
-            evaluation of the initial network (if there is one).
+            one row of metrics per iteration, each with ``iteration``; first, as iteration 0, the greedy evaluation
+            of the initial network, if there is an evaluation.
 
         Raises:
             LearningError: the training diverged.
@@ -188,8 +186,8 @@ class ReinforcementLearner(ABC):
         infinite = sorted(name for name, value in metrics.items() if not math.isfinite(value))
         if infinite:
             raise LearningError(
-                f"the training diverged in iteration {self.iteration}: {', '.join(infinite)} are not finite; a smaller "
-                "learning rate or a limit of the gradient's norm (max_grad_norm) would be right"
+                f"the training diverged in iteration {self.iteration}: {', '.join(infinite)} are not finite; use a "
+                "smaller learning rate or limit the norm of the gradient (max_grad_norm)"
             )
         row = {"iteration": float(self.iteration), **metrics}
         self.history.append(row)
@@ -201,14 +199,14 @@ class ReinforcementLearner(ABC):
 
     @abstractmethod
     def _parts(self) -> dict[str, Any]:
-        """Modules, optimizers and generators beside the networks, restored in place."""
+        """Modules, optimizers and generators in addition to the networks; restored in place."""
 
     def _values(self) -> dict[str, Any]:
         """Further tensors and JSON values to be stored."""
         return {}
 
     def _restore_values(self, values: dict[str, Any]) -> None:  # noqa: B027 - a learner may have none
-        """Take back what :meth:`_values` gave."""
+        """Restore the result of :meth:`_values`."""
 
     def _measure(self) -> Metrics:
         """Evaluate the greedy policy and keep the network if it is the best so far."""
@@ -228,7 +226,7 @@ class ReinforcementLearner(ABC):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state of the training to one file, atomically."""
-        collector = {f"collector.{name}": tensor for name, tensor in self._collector.snapshot().items()}
+        collector = {f"collector.{name}": tensor for name, tensor in self.collector.snapshot().items()}
         counters = {
             "iteration": self.iteration,
             "best_iteration": self.best_iteration,
@@ -238,14 +236,14 @@ class ReinforcementLearner(ABC):
         save_training_state(path, {**self._all_parts(), **collector, **counters, **self._values()})
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Go on from a file of :meth:`save`.
+        """Resume from a file of :meth:`save`.
 
         Raises:
             CheckpointError: the file is missing or damaged, or was written by another training.
         """
         values = load_training_state(path, self._all_parts())
         prefix = "collector."
-        self._collector.restore(
+        self.collector.restore(
             {name.removeprefix(prefix): tensor for name, tensor in values.items() if name.startswith(prefix)}
         )
         self.iteration = values["iteration"]

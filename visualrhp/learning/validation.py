@@ -1,25 +1,29 @@
-"""How well a heuristic does when followed greedily, measured between iterations of a training (Fig. 5 and 6)."""
+"""Success of the greedy policy of a heuristic, measured between iterations of a training (Fig. 5 and 6)."""
 
 from __future__ import annotations
 
-from visualrhp.environments.task import ClutterTask, Outcome
 from visualrhp.errors import ConfigError
+from visualrhp.execution.episode import RunningEpisode
+from visualrhp.execution.world import SimulatedWorld
 from visualrhp.heuristics.heuristic import Heuristic
-from visualrhp.scene.sampling import SceneDistribution, Split
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.simulation.action_spaces import make_action_space
 from visualrhp.simulation.physics import Physics
+from visualrhp.simulation.transition_model import TransitionModel
+from visualrhp.streams import Split
+from visualrhp.types import Metrics, Outcome
 
 
 class GreedyValidation:
     """Solves the same task instances with the mode of a heuristic's policy (the Greedy baseline of Sec. 7.5).
 
-    All instances advance together, so that the network is called once an action.
+    All instances advance together, so the network is called once per action.
 
     Args:
         distribution: of the task instances.
-        num_instances: how many, the indices 0, 1, ... of the stream.
+        num_instances: number of task instances, with the indices 0, 1, ... of the split.
         seed: of the task instances.
-        split: stream of the task instances.
+        split: split of the task instances.
         physics: of the simulation.
 
     Raises:
@@ -36,38 +40,35 @@ class GreedyValidation:
     ) -> None:
         if num_instances < 1:
             raise ConfigError(f"num_instances={num_instances}: greedy validation needs at least one task instance")
-        self._distribution = distribution
-        self._num_instances = num_instances
-        self._seed = seed
-        self._split = split
         self._physics = physics
+        # Sampled once: all evaluations of a training use the same instances.
+        self._instances = [sample_task_instance(distribution, seed, split, index) for index in range(num_instances)]
 
-    def __call__(self, heuristic: Heuristic) -> dict[str, float]:
-        """Measure ``heuristic``.
+    def __call__(self, heuristic: Heuristic) -> Metrics:
+        """Evaluate ``heuristic``.
 
         Returns:
             ``success_rate`` and ``dropped_rate``, shares of the instances; ``action_efficiency``, mean number of
-            objects over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if none is).
+            objects over actions (Sec. 7.3), and ``num_actions``, mean, both over the solved instances (0 if there are
+            none).
         """
-        tasks = [
-            ClutterTask(self._distribution, make_action_space(heuristic.action_space), self._physics)
-            for _ in range(self._num_instances)
+        action_space = make_action_space(heuristic.action_space)
+        episodes = [
+            RunningEpisode(SimulatedWorld(instance, TransitionModel(instance.scene, action_space, self._physics)))
+            for instance in self._instances
         ]
-        for index, task in enumerate(tasks):
-            task.start(self._seed, self._split, index)
-        running = tasks
-        ended: list[tuple[ClutterTask, Outcome]] = []
+        running = episodes
         while running:
-            guidance = heuristic.guide([task.instance.scene for task in running], [task.state for task in running])
-            outcomes = [task.act(action) for task, action in zip(running, guidance.mode(), strict=True)]
-            is_over = [outcome.terminated or outcome.truncated for outcome in outcomes]
-            ended += [pair for pair, over in zip(zip(running, outcomes, strict=True), is_over, strict=True) if over]
-            running = [task for task, over in zip(running, is_over, strict=True) if not over]
-        solved = [task for task, outcome in ended if outcome.is_goal]
-        efficiencies = [task.instance.scene.num_objects / task.num_actions for task in solved]
+            guidance = heuristic.guide([episode.scene for episode in running], [episode.state for episode in running])
+            for episode, action in zip(running, guidance.mode(), strict=True):
+                episode.act(action)
+            running = [episode for episode in running if episode.outcome is None]
+        solved = [episode for episode in episodes if episode.outcome is Outcome.SUCCESS]
+        efficiencies = [episode.scene.num_objects / episode.num_actions for episode in solved]
+        dropped = sum(episode.outcome is Outcome.DROPPED for episode in episodes)
         return {
-            "success_rate": len(solved) / len(tasks),
-            "dropped_rate": sum(outcome.is_dropped for _, outcome in ended) / len(tasks),
+            "success_rate": len(solved) / len(episodes),
+            "dropped_rate": dropped / len(episodes),
             "action_efficiency": sum(efficiencies) / max(1, len(efficiencies)),
-            "num_actions": sum(task.num_actions for task in solved) / max(1, len(solved)),
+            "num_actions": sum(episode.num_actions for episode in solved) / max(1, len(solved)),
         }

@@ -1,4 +1,4 @@
-"""How actions are chosen: receding horizon planning, the greedy policy, kinodynamic RRT in open and in closed loop."""
+"""Planners: receding horizon planning, the greedy policy, and kinodynamic RRT in open and closed loop."""
 
 from visualrhp.planning.closed_loop_krrt import ClosedLoopKRRT
 from visualrhp.planning.dhrrt import DHRRT

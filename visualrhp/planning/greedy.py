@@ -1,4 +1,4 @@
-"""The greedy baseline (Sec. 7.5): act on the heuristic alone, without looking ahead."""
+"""The greedy baseline (Sec. 7.5): follows the heuristic without look-ahead."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ from visualrhp.types import State
 
 @dataclass(frozen=True, slots=True)
 class Greedy(Planner):
-    """Takes the action of the highest value (discrete) or the mean of the policy (continuous).
+    """Takes the action with the highest value (discrete) or the mean of the policy (continuous).
 
-    The model serves only to observe the state. The random generator is not used.
+    The model is used only to observe the state. The random generator is not used.
     """
 
     heuristic: Heuristic
-
-    @property
-    def name(self) -> str:
-        return "Greedy"
+    name: str = "Greedy"
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
         scenes = [model.scene]

@@ -9,7 +9,7 @@ from visualrhp.types import Action, Episode, State
 
 
 class Plan:
-    """What is still to be done of a plan, and what was foreseen of it.
+    """The remaining actions of a plan, and its predicted states.
 
     Args:
         episode: the plan as it was simulated; None for no plan.
@@ -21,18 +21,18 @@ class Plan:
 
     @property
     def actions(self) -> Sequence[Action]:
-        """The actions that are left."""
+        """The remaining actions."""
         return self._episode.actions[self._num_done :] if self._episode else ()
 
     def foresees(self, state: State) -> bool:
-        """Whether ``state`` is, to the bit, the one in which the next action was to be taken."""
+        """Whether ``state`` equals the predicted state for the next action, bit for bit."""
         return bool(self.actions) and self._episode is not None and self._episode.states[self._num_done] == state
 
     def follow(self) -> Decision:
-        """The next action; None once nothing is left.
+        """Return a decision with the next action; with None at the end of the plan.
 
-        The decision holds one roll-out, what is left of the plan as it was foreseen. Its states begin with the one that
-        the plan expected to be in now, which in a world that departs from the model is not the current one.
+        The decision holds one roll-out, the rest of the plan as predicted. Its first state is the predicted current
+        state, which differs from the actual one if the world differs from the model.
         """
         if self._episode is None or not self.actions:
             return Decision(action=None)

@@ -1,4 +1,4 @@
-"""What a planner is: a transition model and a random generator in, a policy out."""
+"""The interface of planners: given a transition model and a random generator, a planner returns a policy."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ import numpy as np
 
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace
-from visualrhp.simulation.task import DISCOUNT
+from visualrhp.simulation.rules import DISCOUNT
 from visualrhp.types import Action, State, Transition
 
 
 class PlanningModel(Protocol):
-    """What planning needs of a world: :class:`visualrhp.simulation.TransitionModel`, or anything that behaves alike.
+    """The model that planning needs: :class:`visualrhp.simulation.TransitionModel`, or an object that behaves like it.
 
     ``simulate`` is a pure function of (state, action).
     """
 
     @property
     def scene(self) -> Scene:
-        """The scene that the states belong to (the heuristic reads it)."""
+        """The scene of the states, which the heuristic observes."""
         ...
 
     @property
     def action_space(self) -> ActionSpace:
-        """The actions that ``simulate`` takes."""
+        """The action space of ``simulate``."""
         ...
 
     def simulate(self, state: State, action: Action) -> Transition:
@@ -43,18 +43,18 @@ class PlanningModel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """One simulated look ahead: of receding horizon planning (Alg. 1), or what is left of a plan that is followed.
+    """A simulated sequence of actions: of receding horizon planning (Alg. 1), or the rest of a plan that is followed.
 
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 
     Attributes:
-        actions: of a roll-out up to h, fewer when it reached a terminal state or diverged, or when a deadline cut it
-            short; the one on which the physics diverged is the last, and has no reward. Of a plan, what is left of it.
-        states: the states passed through: as many as rewards, plus one. A roll-out begins in the current state, the
-            rest of a plan in the state that was foreseen.
+        actions: of a roll-out up to h, or fewer if it reached a terminal state, diverged, or was cut short by a
+            deadline; an action on which the physics diverged is the last, without a reward. Of a plan, its rest.
+        states: one more than rewards. A roll-out begins in the current state, the rest of a plan in the predicted
+            one.
         rewards: one per simulated action.
-        value_estimate: v of the last state, or 0 if that is terminal and nothing is left to earn; NaN if it diverged.
-            Planners without an estimate say 0.
+        value_estimate: v of the last state, 0 if that state is terminal, NaN if the roll-out diverged. 0 for planners
+            without an estimate.
         total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
     """
 
@@ -73,7 +73,7 @@ class Rollout:
         value_estimate: float = 0.0,
         discount: float = DISCOUNT,
     ) -> Rollout:
-        """A roll-out with its return; one whose ``value_estimate`` is not finite has diverged."""
+        """Make a roll-out with its return; it has diverged if ``value_estimate`` is not finite."""
         total_return = sum(discount**k * reward for k, reward in enumerate(rewards))
         total_return += discount ** len(rewards) * value_estimate
         if not math.isfinite(value_estimate):
@@ -82,19 +82,19 @@ class Rollout:
 
     @property
     def is_diverged(self) -> bool:
-        """Whether it has no return."""
+        """Whether it diverged and has no return."""
         return self.total_return == -math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long a decision took on the wall [s]; for tasks that are planned together, how long it took for all of them.
+    """Wall-clock time of a decision [s]; for tasks that are planned together, of all their decisions.
 
     Attributes:
-        total_s: all of it.
-        simulation_s: simulating actions.
-        observation_s: drawing what a network sees.
-        heuristic_s: asking the heuristic, without the observations.
+        total_s: total time.
+        simulation_s: simulation of actions.
+        observation_s: observations for the network.
+        heuristic_s: evaluation of the heuristic, without observations.
     """
 
     total_s: float
@@ -105,13 +105,13 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What a policy answers, and what it considered on the way.
+    """The output of a policy: an action, and the roll-outs behind it.
 
     Attributes:
         action: the action to execute now, or None if the planner gives up: the task then counts as not completed.
         rollouts: the roll-outs that were compared, or the plan that is followed; empty for planners that have neither.
-        num_invalid: how many of them diverged.
-        timing: how long it took, for planners that say so. Decisions that differ in nothing else are equal.
+        num_invalid: number of roll-outs that diverged.
+        timing: durations, for planners that measure them; not part of the comparison of decisions.
     """
 
     action: Action | None
@@ -121,7 +121,7 @@ class Decision:
 
 
 class Policy(Protocol):
-    """Answers states with decisions; called once an action, in the order in which an episode unfolds."""
+    """Maps states to decisions; called once per action, in the order of the episode."""
 
     def __call__(self, state: State) -> Decision:
         """Decide in ``state``."""
@@ -129,13 +129,14 @@ class Policy(Protocol):
 
 
 class Planner(ABC):
-    """A way to choose actions. It holds configuration only; what belongs to one episode lives in its policy."""
+    """Base class of planners. A planner holds only its configuration; the state of an episode is in the policy.
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Name in tables and figures."""
+    Attributes:
+        name: in tables and figures.
+    """
+
+    name: str
 
     @abstractmethod
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
-        """Return a policy for one episode that plans with ``model``; all its random draws come from ``rng``."""
+        """Return a policy for one episode that plans with ``model``; all its random numbers come from ``rng``."""

@@ -1,7 +1,7 @@
-"""Shapes, words and colours on pixels: what frames and their overlays are drawn with.
+"""Shapes, text and colours of frames and their overlays.
 
 The world frame (x right, y up, metres) appears with y up. Colours follow the paper's labels (Sec. 5.1: desired object
-light green, obstacles red, robot blue, target region dark green) in softer tones.
+light green, obstacles red, gripper blue, target region dark green) in softer tones.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _SUPERSAMPLING = 2
 _SHIFT = 5  # OpenCV's fixed-point coordinates: fractional bits
 _GRID_STEP = 0.1
 _MIN_SIZE = 64
-_USUAL_EXTENT = 0.7  # of the paper's surface with its margins [m]; widths of lines are meant for it
+_USUAL_EXTENT = 0.7  # of the paper's surface with its margins [m]; line widths refer to it
 
 
 class Canvas:
@@ -54,7 +54,7 @@ class Canvas:
         extent = float((high - low).max()) + 2.0 * MARGIN
         self.pixels_per_metre = size_px * _SUPERSAMPLING / extent
         self._pixels_per_width = size_px * _SUPERSAMPLING / _USUAL_EXTENT
-        self.bounds = (low + high - extent) / 2.0, (low + high + extent) / 2.0  # [2] each: what is seen [m]
+        self.bounds = (low + high - extent) / 2.0, (low + high + extent) / 2.0  # [2] each: the visible region [m]
         self._left_top = (low + high) / 2.0 + np.array([-extent, extent]) / 2.0
         side = size_px * _SUPERSAMPLING
         self.picture = np.full((side, side, 3), BACKGROUND, dtype=np.uint8)
@@ -71,11 +71,11 @@ class Canvas:
         return (points - self._left_top) * (self.pixels_per_metre, -self.pixels_per_metre) / _SUPERSAMPLING
 
     def thickness(self, width: float) -> int:
-        """Pixels of a line that is ``width`` [m] wide on the paper's surface, and as bold on any other; at least 1."""
+        """Width in pixels, at least 1, of a line of ``width`` [m] on the paper's surface; equally bold on any other."""
         return max(1, round(width * self._pixels_per_width))
 
     def size_of(self, width: float) -> float:
-        """Metres on this surface of what is to look like ``width`` [m] on the paper's."""
+        """Length [m] on this surface that appears like ``width`` [m] on the paper's surface."""
         return width * self._pixels_per_width / self.pixels_per_metre
 
     def polygon(self, points: FloatArray, fill: Colour, outline: Colour | None = None, width: float = 0.0016) -> None:
@@ -94,7 +94,7 @@ class Canvas:
         self._circle(centre, radius * self.pixels_per_metre, colour, -1 if width is None else self.thickness(width))
 
     def dot(self, centre: FloatArray, radius: float, colour: Colour) -> None:
-        """A mark that is as large on any surface as a disc of ``radius`` [m] on the paper's."""
+        """Draw a mark that appears as large on any surface as a disc of ``radius`` [m] on the paper's surface."""
         self._circle(centre, radius * self._pixels_per_width, colour, -1)
 
     def _circle(self, centre: FloatArray, radius_px: float, colour: Colour, thickness: int) -> None:
@@ -103,18 +103,18 @@ class Canvas:
         cv2.circle(self.picture, (int(x), int(y)), pixels, colour, thickness, cv2.LINE_AA, _SHIFT)
 
     def clear(self) -> None:
-        """Leave nothing but the surface."""
+        """Erase everything except the surface."""
         np.copyto(self.picture, self._surface)
 
     def veil(self, outlines: Sequence[tuple[FloatArray, Colour]], share: float) -> None:
-        """Tint the insides of polygons (points [V, 2] and colour), which need not be convex."""
+        """Tint the interior of polygons (points [V, 2] and colour), convex or not."""
         before = self.picture.copy()
         for points, colour in outlines:
             cv2.fillPoly(self.picture, [self.fixed_point(points)], colour, cv2.LINE_AA, _SHIFT)
         cv2.addWeighted(before, 1.0 - share, self.picture, share, 0.0, self.picture)
 
     def shade(self, outlines: Sequence[FloatArray]) -> None:
-        """A soft shadow under everything that lies on the surface."""
+        """Draw a soft shadow under everything on the surface."""
         mask = np.zeros(self.picture.shape[:2], dtype=np.uint8)
         for outline in outlines:
             cv2.fillPoly(mask, [self.fixed_point(outline + np.array([0.003, -0.005]))], 70, cv2.LINE_AA, _SHIFT)
@@ -140,7 +140,7 @@ def _draw_surface(canvas: Canvas, scene: Scene) -> None:
             canvas.line(ends, GRID, 0.0012)
     outside = np.full(surface.shape[:2], 255, dtype=np.uint8)
     cv2.fillPoly(outside, [canvas.fixed_point(scene.edges)], 0, cv2.LINE_8, _SHIFT)
-    cv2.copyTo(surface, outside, canvas.picture)  # a surface need not be a rectangle
+    cv2.copyTo(surface, outside, canvas.picture)  # the surface may be any polygon
     with_target = canvas.picture.copy()
     target = scene.target
     canvas.disc(target.position, target.radius, TARGET)
@@ -165,7 +165,7 @@ def text_width(text: str, height_px: int, weight: int) -> int:
 
 
 def shortened(text: str, width: int, height_px: int, weight: int) -> str:
-    """``text``, or as much of its start as fits into ``width`` [px]."""
+    """Truncate ``text`` to ``width`` [px]."""
     if text_width(text, height_px, weight) <= width:
         return text
     while text and text_width(text + "...", height_px, weight) > width:

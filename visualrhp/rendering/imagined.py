@@ -1,4 +1,4 @@
-"""What a planner imagines, drawn over a frame: the paths of its roll-outs, coloured by their returns (Sec. 5.2)."""
+"""A planner's roll-outs drawn over a frame: their paths, coloured by their returns (Sec. 5.2)."""
 
 from __future__ import annotations
 
@@ -22,27 +22,26 @@ from visualrhp.rendering.drawing import (
 )
 from visualrhp.rendering.video import Frame
 from visualrhp.scene import Scene, geometry
-from visualrhp.simulation import task
+from visualrhp.simulation import rules
 from visualrhp.types import FloatArray, State
 
 DROPPED: Colour = (200, 30, 30)
 DIVERGED: Colour = (120, 122, 128)
 
-_DARKEST, _BRIGHTEST = 10, 222  # of the 256 colours of plasma: the brightest would not show on the surface
+_DARKEST, _BRIGHTEST = 10, 222  # of the 256 colours of plasma: the brightest would not be visible on the surface
 _MAP = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[None], cv2.COLORMAP_PLASMA)[0, :, ::-1]
 _STILL = 0.002
-"""Displacement of an object below which its path is not drawn [m]."""
+"""Paths of objects with a smaller displacement are not drawn [m]."""
 _LEAST_SIZE_WITH_RETURNS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class ImaginedPath:
-    """One roll-out of a planner, as something to look at.
+    """A roll-out of a planner, for display.
 
     Attributes:
-        states: the states passed through; at least one. The first is the current state, or what a plan that is being
-            followed took it to be.
-        value: its return (Eq. 3); minus infinity if the physics diverged.
+        states: at least one. The first is the current state, or the one that a plan predicted for it.
+        value: the return (Eq. 3); minus infinity if the physics diverged.
         is_chosen: whether its first action is the one that the planner takes.
     """
 
@@ -52,21 +51,21 @@ class ImaginedPath:
 
     @property
     def is_diverged(self) -> bool:
-        """Whether it has no return."""
+        """Whether the physics diverged, so that there is no return."""
         return not math.isfinite(self.value)
 
 
 def value_colours(paths: Sequence[ImaginedPath]) -> list[Colour]:
     """A colour for each path: from dark violet (the lowest return of all) to yellow (the highest); grey if diverged.
 
-    The colours are evenly spaced to the eye (plasma). A single return has the colour of the highest.
+    The colours are perceptually uniform (plasma). A single return has the colour of the highest.
     """
     low, high = value_range(paths)
     return [DIVERGED if path.is_diverged else _colour_of(path.value, low, high) for path in paths]
 
 
 def value_range(paths: Sequence[ImaginedPath]) -> tuple[float, float]:
-    """Lowest and highest return of the paths that have one; (0, 0) if none has."""
+    """Lowest and highest return of the paths that have one; (0, 0) if there are none."""
     values = [path.value for path in paths if not path.is_diverged]
     return (min(values), max(values)) if values else (0.0, 0.0)
 
@@ -79,11 +78,11 @@ def _colour_of(value: float, low: float, high: float) -> Colour:
 
 # --------------------------------------------------------------------------------------------------- over the picture
 def draw_paths(canvas: Canvas, paths: Sequence[ImaginedPath]) -> None:
-    """Draw the paths of the gripper and of the desired object, and the outlines of where they end.
+    """Draw the paths of the gripper and of the desired object, and their outlines at the end.
 
-    The gripper's path is a line with a dot at every state, the largest at its end; that of the desired object, if it
-    moves, is dotted. The chosen one is bold and on top. A cross ends a path that diverges (grey) or drops an object
-    (red, at that object); a green ring one that reaches the goal.
+    The gripper's path is a line with a dot at every state, the largest at its end; the path of the desired object, if
+    it moves, is dotted. The chosen path is bold and on top. A cross marks the end of a path that diverges (grey) or
+    drops an object (red, at that object), a green ring the end of one that reaches the goal.
     """
     colours = value_colours(paths)
     order = sorted(range(len(paths)), key=lambda i: (paths[i].is_chosen, paths[i].value))
@@ -115,7 +114,7 @@ def _ghost(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
     start, end = path.states[0], path.states[-1]
     if len(path.states) == 1:
         return []
-    outlines = list(scene.gripper.outlines(end.robot_pose, end.gripper_opening))
+    outlines = list(scene.gripper.outlines(end.gripper_pose, end.gripper_opening))
     if _moves(path, 0):
         outlines.append(geometry.to_world(scene.objects[0].outline, end.object_poses[0]))
     fallen = [i for i in range(1, start.num_objects) if _is_off(scene, end.object_poses[i])]
@@ -123,7 +122,7 @@ def _ghost(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
 
 
 def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
-    gripper = np.array([state.robot_pose[:2] for state in path.states])
+    gripper = np.array([state.gripper_pose[:2] for state in path.states])
     width = 0.0056 if path.is_chosen else 0.0032
     casing = INK if path.is_chosen else PAPER
     if len(gripper) > 1:
@@ -143,11 +142,11 @@ def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
 def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
     end = path.states[-1]
     if path.is_diverged:
-        _cross(canvas, end.robot_pose[:2], DIVERGED)
+        _cross(canvas, end.gripper_pose[:2], DIVERGED)
         return
     for pose in _fallen(canvas.scene, path):
         _cross(canvas, pose[:2], DROPPED)
-    if task.is_goal(canvas.scene, end) and not task.is_dropped(canvas.scene, end):
+    if rules.is_goal(canvas.scene, end) and not rules.is_dropped(canvas.scene, end):
         for radius, ring in ((0.0125, PAPER), (0.0115, TARGET), (0.008, PAPER), (0.007, colour)):
             canvas.dot(end.object_poses[0, :2], radius, ring)
 
@@ -178,7 +177,7 @@ def _is_off(scene: Scene, pose: FloatArray) -> bool:
 
 
 def _beads(points: FloatArray, spacing: float) -> FloatArray:
-    """[N, 2] points along a polyline at equal distances, both ends included."""
+    """[N, 2] points along a polyline at equal distances, including both ends."""
     lengths = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
     at = np.linspace(0.0, lengths[-1], max(2, round(lengths[-1] / spacing) + 1))
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in range(2)], axis=1)
@@ -190,12 +189,11 @@ Box = tuple[int, int, int, int]
 
 
 def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], taken: Sequence[Box] = ()) -> list[Box]:
-    """Write the return of each path beside its end, where there is room.
+    """Write the return of each path next to its end, where there is room.
 
-    The chosen one comes first, then the others from the highest return down. A label that would cover another one, the
-    end of a path, a cross or a box of ``taken``, or leave the picture, is moved around its end; it is left out if
-    nothing helps.
-    Pictures below 200 pixels have no room for words.
+    The chosen path comes first, then the others in order of decreasing return. A label that would cover another label,
+    the end of a path, a cross or a box of ``taken``, or leave the picture, is moved around its end; it is omitted if
+    there is no free place. Pictures below 200 pixels have no labels.
 
     Returns:
         The boxes of the labels drawn.
@@ -207,9 +205,9 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     low, high = value_range(paths)
     text_px = max(9, round(side / 40))
     pad = max(2, round(text_px / 4))
-    ends = [canvas.frame_pixels(path.states[-1].robot_pose[None, :2])[0] for path in paths]
+    ends = [canvas.frame_pixels(path.states[-1].gripper_pose[None, :2])[0] for path in paths]
     marks = [*ends, *(canvas.frame_pixels(pose[None, :2])[0] for path in paths for pose in _fallen(canvas.scene, path))]
-    starts = [canvas.frame_pixels(path.states[0].robot_pose[None, :2])[0] for path in paths]
+    starts = [canvas.frame_pixels(path.states[0].gripper_pose[None, :2])[0] for path in paths]
     order = sorted(range(len(paths)), key=lambda i: (not paths[i].is_chosen, -paths[i].value))
     drawn: list[Box] = []
     written: list[tuple[str, FloatArray]] = []
@@ -217,7 +215,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
         path, end = paths[i], ends[i]
         words = "diverged" if path.is_diverged else number(path.value, high - low)
         if any(words == other and np.hypot(*(end - at)) < text_px for other, at in written):
-            continue  # discrete roll-outs are often the same
+            continue  # discrete roll-outs are often equal
         weight = 700 if path.is_chosen else 500
         width, height = text_width(words, text_px, weight) + 2 * pad, text_px + 2 * pad
         heading = math.atan2(*(end - starts[i])[::-1]) if np.hypot(*(end - starts[i])) > 1.0 else -math.pi / 2
@@ -235,14 +233,14 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
 
 
 def number(value: float, spread: float) -> str:
-    """A return in as few digits as tell apart values that are spread over ``spread``."""
+    """Format a return with as few digits as distinguish values spread over ``spread``."""
     if spread >= 1.0 or spread == 0.0:
         return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
     return f"{value:.2f}" if spread >= 0.1 else f"{value:.3f}"
 
 
 def _places(end: FloatArray, heading: float, width: int, height: int, gap: float) -> list[Box]:
-    """Boxes around ``end``: in the direction of the path first, then further round and further away."""
+    """Boxes around ``end``: first in the direction of the path, then at increasing angles and distances."""
     boxes = []
     for distance in (gap, 2.2 * gap, 4.0 * gap, 6.5 * gap):
         for turn in (0, 1, -1, 2, -2, 3, -3, 4):
@@ -290,10 +288,10 @@ def _overlap(box: Box, other: Box, gap: int) -> bool:
 def legend_bar(
     scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int, decision_s: float | None = None
 ) -> Frame:
-    """A bar to go below a frame: how many roll-outs there are, how long they took, which return has which colour.
+    """The bar below a frame: number of roll-outs, duration of the decision, and colour scale of the returns.
 
-    Every return has a tick below the scale, the chosen one a triangle above it. Of a single roll-out, or a plan, there
-    are the number of actions and the return: there is nothing to compare it with, and a plan was made earlier.
+    Every return has a tick below the scale, the chosen one a triangle above it. For a single roll-out or a plan, only
+    the number of actions and the return are shown: there is no comparison, and a plan was made earlier.
 
     Returns:
         [height, width, 3] uint8 RGB.
@@ -315,7 +313,7 @@ def legend_bar(
 
 
 def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline: int, text_px: int) -> int:
-    """Draw "low [colours] high", or the only return, to end at column ``right``; returns the column where it begins."""
+    """Draw "low [colours] high", or the only return, ending at column ``right``; return the column where it begins."""
     height, width = bar.shape[:2]
     if all(path.is_diverged for path in paths):
         return right
@@ -358,9 +356,9 @@ def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline:
 
 
 def _summaries(scene: Scene, paths: Sequence[ImaginedPath], decision_s: float | None) -> list[str]:
-    """What there is to see in words, the longest first."""
+    """Summaries of the roll-outs in words, the longest first."""
     diverged = sum(path.is_diverged for path in paths)
-    dropping = sum(task.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
+    dropping = sum(rules.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
     remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
     if len(paths) == 1:
         ahead = len(paths[0].states) - 1

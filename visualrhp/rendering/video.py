@@ -1,6 +1,6 @@
-"""VP8 ``.webm`` videos of frames, which browsers play without a plug-in (so MLflow's pages do, too).
+"""VP8 ``.webm`` videos, which browsers, and thus MLflow's pages, play without a plug-in.
 
-VP8 and not VP9: as OpenCV sets the encoders up, VP9 takes three to five times as long for a file a tenth smaller.
+VP8 rather than VP9: with OpenCV's settings, VP9 takes three to five times as long for files that are 10% smaller.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from visualrhp.errors import ConfigError, DataError
 from visualrhp.files import atomic_path
 
 Frame = npt.NDArray[np.uint8]
-"""One picture: [H, W, 3] uint8, RGB, row 0 at the top."""
+"""A picture: [H, W, 3] uint8, RGB, row 0 at the top."""
 
-_TRACK_UID = b"\x73\xc5\x88"  # Matroska's element id of a track's identity, and the length of what follows, 8 bytes
+_TRACK_UID = b"\x73\xc5\x88"  # Matroska's element id of a track's UID, and the length of the UID, 8 bytes
 _HEADER_BYTES = 1024
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Frame], fps: float = 12.0) -> int:
-    """Encode ``frames`` at ``fps`` frames a second, atomically; the same frames give the same bytes.
+    """Encode ``frames`` at ``fps`` frames per second, atomically; equal frames give equal bytes.
 
     Args:
         path: a file name that ends in ``.webm``; missing folders are created.
-        frames: at least one, all of the first one's size. Chroma is stored for 2 x 2 pixels, so that an odd width or
-            height is padded by repeating the last column or row.
+        frames: at least one, all of the same size. Chroma is stored for 2 x 2 pixels, so an odd width or height is
+            padded by repeating the last column or row.
 
     Returns:
         The number of frames written.
 
     Raises:
-        ConfigError: another suffix, or ``fps`` is not positive.
+        ConfigError: the suffix is another one, or ``fps`` is not positive.
         DataError: no frames, frames that differ in size or are not RGB bytes, or no VP8 encoder in this OpenCV.
     """
     if Path(path).suffix != ".webm":
         raise ConfigError(f"{path}: videos are written as VP8 in a .webm file; choose a name that ends in .webm")
     if not fps > 0.0:
-        raise ConfigError(f"fps={fps}: a video needs a positive number of frames a second")
+        raise ConfigError(f"fps={fps}: a video needs a positive number of frames per second")
     remaining = iter(frames)
     first = next(remaining, None)
     if first is None:
@@ -50,7 +50,7 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Frame], fps: floa
     with atomic_path(path) as temporary:
         height, width = _checked(first, first.shape, path).shape[:2]
         size = (width + width % 2, height + height % 2)
-        with _quiet_stderr():  # OpenCV remarks that "VP80" is not WebM's own tag for VP8, and then does the right thing
+        with _quiet_stderr():  # OpenCV warns that "VP80" is not WebM's tag for VP8, but encodes correctly
             writer = cv2.VideoWriter(str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, size)
         if not writer.isOpened():
             raise DataError(
@@ -71,10 +71,10 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Frame], fps: floa
 
 
 def read_video(path: str | os.PathLike[str]) -> list[Frame]:
-    """Decode every frame of a video (lossy: within a few grey levels of what was written).
+    """Decode all frames of a video (lossy: within a few grey levels of the written frames).
 
     Raises:
-        DataError: the file is missing or holds no video that OpenCV can decode.
+        DataError: the file is missing or is not a video that OpenCV can decode.
     """
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG) if Path(path).is_file() else None
     frames = []
@@ -92,11 +92,11 @@ def read_video(path: str | os.PathLike[str]) -> list[Frame]:
 def side_by_side(
     videos: Sequence[Sequence[Frame]], columns: int | None = None, gap: int = 8, background: int = 255
 ) -> Iterator[Frame]:
-    """Frames of a grid that plays several videos at once, row by row; a video that is over shows its last frame.
+    """Combine videos into a grid, row by row; a video that has ended shows its last frame.
 
     Args:
         videos: at least one, each of at least one frame; all frames of one size.
-        columns: of the grid; all videos in a row by default.
+        columns: number of columns; by default, all videos are in one row.
         gap: width between the cells [px].
         background: grey level of the gaps and of empty cells.
 
@@ -136,7 +136,7 @@ def _checked(frame: Frame, shape: tuple[int, ...], path: str | os.PathLike[str])
 
 
 def _fix_track_identity(path: Path) -> None:
-    """Overwrite the random identity that FFmpeg gives a track, so that a video is a function of its frames alone."""
+    """Overwrite the random UID that FFmpeg gives a track, so that a video is a function of its frames only."""
     content = path.read_bytes()
     start = content.find(_TRACK_UID, 0, _HEADER_BYTES)
     if start >= 0:
@@ -146,7 +146,7 @@ def _fix_track_identity(path: Path) -> None:
 
 @contextmanager
 def _quiet_stderr() -> Iterator[None]:
-    """Send what native code writes to the standard error stream nowhere."""
+    """Discard what native code writes to the standard error stream."""
     saved = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,9 +1,9 @@
-"""What a problem is: surface, target region, objects; random instances of it, and instances from files."""
+"""Task instances: surface, target region and objects; sampled at random, or read from files."""
 
 from visualrhp.scene.graspability import Graspability, graspability
 from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.noise import NOISE_LEVELS, NoiseLevel, perturb
-from visualrhp.scene.sampling import SceneDistribution, Split, generator_for, sample_task_instance
+from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance
 from visualrhp.scene.scene_file import load_task_instance, save_task_instance, scene_file_schema
 from visualrhp.scene.start import MAX_START_OVERLAP, check_start
@@ -17,11 +17,9 @@ __all__ = [
     "ObjectShape",
     "Scene",
     "SceneDistribution",
-    "Split",
     "TargetRegion",
     "TaskInstance",
     "check_start",
-    "generator_for",
     "graspability",
     "load_task_instance",
     "perturb",

@@ -1,8 +1,8 @@
-"""Convex parts of a simple polygon, for a physics engine whose shapes are convex.
+"""Decomposition of a simple polygon into convex parts, as the physics engine needs them.
 
-A constrained Delaunay triangulation is merged to few convex parts (Hertel and Mehlhorn, 1983). A thin part would let
-a body that presses against it slip to its other side; such a part grows into its neighbours, so that parts may overlap.
-They are parts of one rigid body and do not collide with each other.
+A constrained Delaunay triangulation is merged into few convex parts (Hertel and Mehlhorn, 1983). A body pressed against
+a thin part could slip to its other side, so thin parts are extended into their neighbours, and parts may overlap. They
+are parts of one rigid body and do not collide with each other.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ _AREA_TOLERANCE = 1e-12
 def convex_parts(polygon: FloatArray) -> tuple[FloatArray, ...]:
     """Convex polygons [V, 2], counter-clockwise, whose union is the simple, counter-clockwise ``polygon`` [V, 2].
 
-    A convex polygon is its own only part, to the bit. Parts may overlap; none has collinear vertices, and each is as
-    thick as :data:`MIN_OBJECT_THICKNESS` where the polygon leaves room for it.
+    A convex polygon is returned unchanged, as the only part. Parts may overlap; none has collinear vertices, and each
+    is as thick as :data:`MIN_OBJECT_THICKNESS` where the polygon has room for it.
     """
     if geometry.is_convex(polygon):
         return (polygon,)
@@ -42,14 +42,14 @@ def _triangulate(polygon: FloatArray) -> list[list[int]]:
 
 
 def _merge(polygon: FloatArray, triangles: list[list[int]]) -> list[list[int]]:
-    """Hertel-Mehlhorn: leave out every diagonal without which the parts stay convex, those of thin triangles first."""
+    """Hertel-Mehlhorn: remove every diagonal without which the parts stay convex, those of thin triangles first."""
     part_of = {edge: part for part in triangles for edge in zip(part, part[1:] + part[:1], strict=True)}
     thickness = {edge: geometry.least_width(polygon[part]) for edge, part in part_of.items()}
     diagonals = [(a, b) for a, b in part_of if a < b and (b, a) in part_of]
     diagonals.sort(key=lambda edge: min(thickness[edge], thickness[edge[1], edge[0]]))
     for a, b in diagonals:
         left, right = part_of[a, b], part_of[b, a]
-        # Read left from b round to a, and right from a round to b.
+        # Left starts at b and ends at a, right starts at a and ends at b.
         left = _rotated(left, left.index(b))
         right = _rotated(right, right.index(a))
         joined = left + right[1:-1]
@@ -64,10 +64,10 @@ def _rotated(part: list[int], first: int) -> list[int]:
 
 
 def _thicken(part: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
-    """``part``, or if it is thin, a larger convex polygon within the union of ``parts`` that contains it.
+    """Return ``part`` or, if it is thin, a larger convex polygon that contains it, within the union of ``parts``.
 
-    Across an edge that the part shares with a neighbour, it takes in what of the neighbour lies within the half planes
-    of its other edges: by that construction the union is convex.
+    Across an edge shared with a neighbour, the part is extended by the piece of the neighbour within the half planes
+    of the part's other edges, so the union is convex by construction.
     """
     thickness = geometry.least_width(part)
     while thickness < MIN_OBJECT_THICKNESS:
@@ -88,7 +88,7 @@ def _thicken(part: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
 
 
 def _shares_edge(neighbour: FloatArray, start: FloatArray, end: FloatArray) -> bool:
-    """Whether the segment lies on an edge of ``neighbour`` that runs the other way."""
+    """Whether the segment lies on an edge of ``neighbour`` in the opposite direction."""
     tails, heads = neighbour, np.concatenate([neighbour[1:], neighbour[:1]])
     along = heads - tails
     lengths = np.hypot(along[:, 0], along[:, 1])
@@ -105,7 +105,7 @@ def _shares_edge(neighbour: FloatArray, start: FloatArray, end: FloatArray) -> b
 
 
 def _within_wedge(neighbour: FloatArray, part: FloatArray, opened: int) -> FloatArray:
-    """The piece of a convex ``neighbour`` to the left of every edge of ``part`` but the one that is opened."""
+    """The piece of a convex ``neighbour`` to the left of every edge of ``part`` except the opened one."""
     for side in range(len(part)):
         if side != opened:
             neighbour = _left_of(neighbour, part[side], part[(side + 1) % len(part)])
@@ -130,7 +130,7 @@ def _left_of(polygon: FloatArray, start: FloatArray, end: FloatArray) -> FloatAr
 
 
 def _without_covered(parts: list[FloatArray]) -> list[FloatArray]:
-    """The parts without those that the rest of them cover, small ones first."""
+    """Remove the parts that the others cover, small ones first."""
     shapes = {number: shapely.Polygon(part) for number, part in enumerate(parts)}
     for number in sorted(shapes, key=lambda number: shapes[number].area):
         rest = shapely.union_all([shape for other, shape in shapes.items() if other != number])
@@ -140,7 +140,7 @@ def _without_covered(parts: list[FloatArray]) -> list[FloatArray]:
 
 
 def _without_collinear(part: FloatArray) -> FloatArray:
-    """The polygon without vertices that lie on the line of their neighbours."""
+    """Remove vertices that lie on the line through their neighbours."""
     vertices = list(part)
     number = 0
     while number < len(vertices):

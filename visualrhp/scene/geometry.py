@@ -12,34 +12,34 @@ from visualrhp.errors import SceneError
 from visualrhp.types import FloatArray
 
 CONVEXITY_TOLERANCE = -1e-12
-"""Least cross product of two edges that follow each other [m^2] in a polygon that counts as convex."""
+"""Least cross product of two consecutive edges [m^2] in a polygon that counts as convex."""
 
 
 def rotation_matrix(angle: float) -> FloatArray:
-    """[2, 2] matrix that turns a vector counter-clockwise by ``angle`` [rad]."""
+    """[2, 2] matrix that rotates a vector counter-clockwise by ``angle`` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
 def to_world(points: FloatArray, pose: npt.ArrayLike) -> FloatArray:
-    """Points [..., 2] of a body frame in the world frame, for the body's ``pose`` (x [m], y [m], theta [rad])."""
+    """Transform points [..., 2] from the frame of a body at ``pose`` (x [m], y [m], theta [rad]) to the world."""
     x, y, theta = np.asarray(pose, dtype=np.float64)
     return points @ rotation_matrix(theta).T + (x, y)
 
 
 def to_body(points: FloatArray, pose: npt.ArrayLike) -> FloatArray:
-    """Points [..., 2] of the world frame in the frame of a body with ``pose``: the inverse of :func:`to_world`."""
+    """Transform points [..., 2] from the world frame to the frame of a body: the inverse of :func:`to_world`."""
     x, y, theta = np.asarray(pose, dtype=np.float64)
     return (points - (x, y)) @ rotation_matrix(theta)
 
 
 def _following(polygon: FloatArray) -> FloatArray:
-    """[V, 2] the vertex after each vertex (np.roll, which takes five times as long on a few vertices)."""
+    """[V, 2] the vertex after each vertex (np.roll takes five times as long on a few vertices)."""
     return np.concatenate([polygon[1:], polygon[:1]])
 
 
 def signed_area(polygon: FloatArray) -> float:
-    """Area [m^2] of a simple polygon, positive when its vertices run counter-clockwise (shoelace formula)."""
+    """Area [m^2] of a simple polygon, positive for counter-clockwise vertices (shoelace formula)."""
     following = _following(polygon)
     return 0.5 * float(np.sum(polygon[:, 0] * following[:, 1] - polygon[:, 1] * following[:, 0]))
 
@@ -63,10 +63,10 @@ def first_moment_of_distance(polygon: FloatArray) -> float:
     """The integral of r, the distance from the origin, over a simple polygon [m^3].
 
     Times friction, area density and gravity, it is the torque with which Coulomb friction under uniform pressure
-    resists a turn about the origin. Each edge spans a triangle with the origin; with p its distance from the edge's
+    resists rotation about the origin. Each edge spans a triangle with the origin; with p its distance from the edge's
     line and phi the angle from the foot of the perpendicular, the integral over it is
     p^3 / 6 [sec tan + asinh(tan)] in phi. The triangle counts as negative when the origin lies to the right of the
-    edge, which happens in polygons that are not convex.
+    edge, as in non-convex polygons.
     """
     total = 0.0
     for start, end in zip(polygon, _following(polygon), strict=True):
@@ -86,7 +86,7 @@ def first_moment_of_distance(polygon: FloatArray) -> float:
 
 
 def is_convex(polygon: FloatArray) -> bool:
-    """Whether a simple, counter-clockwise polygon is convex, but for rounding (a cross product of edges in m^2)."""
+    """Whether a simple, counter-clockwise polygon is convex, up to rounding (:data:`CONVEXITY_TOLERANCE`)."""
     edges = _following(polygon) - polygon
     following = _following(edges)
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
@@ -96,7 +96,7 @@ def is_convex(polygon: FloatArray) -> bool:
 def width_range(polygon: FloatArray) -> tuple[float, float]:
     """Smallest and largest width [m] of a polygon over all directions (rotating calipers on its convex hull).
 
-    The smallest is attained with a jaw along an edge of the hull, the largest between two of its vertices.
+    The smallest width is attained along an edge of the hull, the largest between two of its vertices.
     """
     hull = polygon if is_convex(polygon) else convex_hull(polygon)
     offsets = hull - hull[:, None]
@@ -117,14 +117,14 @@ def convex_hull(points: FloatArray) -> FloatArray:
 
 
 def simplify_contour(points: npt.ArrayLike, tolerance: float) -> FloatArray:
-    """A simple polygon [V, 2], counter-clockwise, with few vertices, from a contour as a camera gives it.
+    """A simple polygon [V, 2], counter-clockwise, with few vertices, from a camera contour.
 
-    The contour may run either way, be closed by its first point, repeat points and touch itself; of several pieces the
-    largest counts, and holes are filled. No point of the contour's border is farther than ``tolerance`` [m] from the
-    result's.
+    The contour may have either orientation, end with its first point, repeat points and touch itself; of several pieces
+    the largest is used, and holes are filled. No point of the contour's border is farther than ``tolerance`` [m] from
+    the border of the result.
 
     Raises:
-        SceneError: the points are not a finite [N, 2], span no area, or the tolerance is not positive.
+        SceneError: the points are not a finite array [N, 2] or span no area, or the tolerance is not positive.
     """
     contour = np.asarray(points, dtype=np.float64)
     if not (math.isfinite(tolerance) and tolerance > 0.0):
@@ -138,7 +138,7 @@ def simplify_contour(points: npt.ArrayLike, tolerance: float) -> FloatArray:
     if not pieces:
         raise SceneError(f"a contour of {len(contour)} points spans no area")
     ring = shapely.get_coordinates(max(pieces, key=lambda piece: piece.area).exterior)[:-1]
-    # The ring's first vertex is kept whatever it is: let it be a corner.
+    # Simplification keeps the ring's first vertex, so it should be a corner.
     first = int(np.argmax(np.hypot(*(ring - ring.mean(axis=0)).T)))
     simple = shapely.simplify(shapely.Polygon(np.roll(ring, -first, axis=0)), tolerance)
     return shapely.get_coordinates(shapely.orient_polygons(simple))[:-1]

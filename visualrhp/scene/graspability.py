@@ -1,4 +1,4 @@
-"""From how many directions an object fits between the fingers (paper, Sec. 7)."""
+"""Whether an object fits between the fingers from any, some or no directions (paper, Sec. 7)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Graspability = Literal["always", "directional", "never"]
 def graspability(shape: ObjectShape, stroke: float) -> Graspability:
     """Whether an object fits into a gripper opened to ``stroke`` [m] from any direction, from some, or from none.
 
-    The fingers close across the outline's width, which is measured in every direction by rotating calipers. A notch
-    does not count: an object that could be held by one of its arms alone, but not across, is ``never`` graspable here.
+    The fingers close across the width of the outline, which rotating calipers measure in every direction. Notches are
+    ignored: an object that could only be held by one of its arms counts as ``never`` graspable.
     """
     narrowest, widest = geometry.width_range(shape.outline)
     if widest < stroke:

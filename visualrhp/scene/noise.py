@@ -14,19 +14,19 @@ from visualrhp.scene.scene import ObjectShape, Scene
 NoiseLevel = Literal["none", "low", "medium", "high"]
 
 NOISE_LEVELS: dict[NoiseLevel, float] = {"none": 0.0, "low": 0.01, "medium": 0.03, "high": 0.05}
-"""Standard deviation over the mean of each noise level (footnote 7)."""
+"""Relative standard deviation of each noise level (footnote 7)."""
 
 _ATTEMPTS = 1000
 
 
 def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scene:
-    """A scene whose objects' parameters are drawn from Gaussians around those of ``scene``.
+    """Sample a scene whose objects' parameters are Gaussian around those of ``scene``.
 
-    Every vertex's distance from the centre of mass, and each object's friction and density, is drawn independently and
-    has the standard deviation ``relative_std`` times its mean. The desired object, edges and target stay what and where
-    they are; masses follow. A convex outline stays convex: a vertex that ends up within the hull of the others is left
-    out. Any other outline stays simple: vertices that make it cross itself, or too thin, are drawn anew. The body frame
-    moves with the centre of mass, so that poses keep their meaning.
+    The distance of every vertex from the centre of mass, and the friction and density of every object, are sampled
+    independently, with a standard deviation of ``relative_std`` times the mean. Edges and target do not change; masses
+    follow. A convex outline stays convex: a vertex within the hull of the others is removed. Any other outline stays
+    simple: if it crosses itself or is too thin, its vertices are sampled again. The body frame moves with the centre of
+    mass, so that poses keep their meaning.
 
     Raises:
         SceneError: ``relative_std`` is negative or not finite, or so large that no valid outline is found.
@@ -47,13 +47,13 @@ def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Gene
         outline = shape.outline * (1.0 + relative_std * rng.standard_normal((len(shape.outline), 1)))
         try:
             return ObjectShape.centred(geometry.convex_hull(outline) if convex else outline, density, friction)
-        except SceneError:  # not a simple polygon, or a sliver: draw its vertices anew
+        except SceneError:  # not a simple polygon, or too thin: sample its vertices again
             continue
     raise SceneError(f"noise of relative standard deviation {relative_std} leaves no valid outline of an object")
 
 
 def _positive_factor(relative_std: float, rng: np.random.Generator) -> float:
-    """1 + relative_std * N(0, 1), drawn again in the far tail where it would not be positive."""
+    """1 + relative_std * N(0, 1), sampled again if not positive."""
     while (factor := 1.0 + relative_std * rng.standard_normal()) <= 0.0:
         pass
     return float(factor)

@@ -1,4 +1,4 @@
-"""What makes a polygon fit to be a surface or a rigid body, and what is wrong with one that is not."""
+"""Validation of polygons as surfaces and as outlines of rigid bodies."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from visualrhp.scene import geometry
 from visualrhp.types import FloatArray
 
 MIN_OBJECT_AREA = 1e-5
-"""Smallest area of an object or a surface [m^2]; below it (3 mm x 3 mm) the outline is taken for degenerate."""
+"""Smallest area of an object or a surface [m^2]; below it (3 mm x 3 mm) the outline counts as degenerate."""
 
 MIN_OBJECT_THICKNESS = 3e-3
-"""Least thickness of an object [m]: thinner ones could be passed through, since the simulator advances by steps.
+"""Least thickness of an object [m]: bodies could pass through a thinner one in one time step.
 
-It is the least width of a convex outline. Of any other outline, it is the least width of a neck, and of an arm that is
-longer than twice this thickness: the pointed end of an arm is no fault.
+For a convex outline, it is the least width. For any other outline, it is the least width of a neck, and of an arm that
+is longer than twice this thickness: the pointed end of an arm may be thinner.
 """
 
 MAX_COORDINATE = 100.0
-"""Largest absolute coordinate [m] of a vertex or a position: beyond it, somebody mistook millimetres for metres."""
+"""Largest absolute coordinate [m] of a vertex or a position: a larger one is probably in millimetres."""
 
 _VERTEX_TOLERANCE = 1e-9
 
 
 class PolygonFault(NamedTuple):
-    """What is wrong with a polygon.
+    """A defect of a polygon.
 
     Attributes:
-        vertex: index of the vertex to look at, or None if the fault is in the polygon as a whole.
-        message: what is wrong and what would be right, without a subject: "runs clockwise; ...".
+        vertex: index of the vertex at fault, or None if the fault is in the polygon as a whole.
+        message: the problem and the expected value, without a subject: "runs clockwise; ...".
     """
 
     vertex: int | None
@@ -46,7 +46,7 @@ def polygon_fault(polygon: FloatArray, solid: bool) -> PolygonFault | None:
 
     Args:
         polygon: vertices [m].
-        solid: whether it outlines a body, which must not be thin and has no vertex within a straight edge.
+        solid: whether it outlines a body, which must not be thin or have a vertex within a straight edge.
     """
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
         return PolygonFault(None, f"needs at least three vertices (x, y), not an array of shape {list(polygon.shape)}")
@@ -61,7 +61,7 @@ def polygon_fault(polygon: FloatArray, solid: bool) -> PolygonFault | None:
         return _crossing(polygon, shape)
     area = geometry.signed_area(polygon)
     if area < 0.0:
-        return PolygonFault(None, "runs clockwise; list its vertices in reverse order, counter-clockwise")
+        return PolygonFault(None, "runs clockwise; list the vertices in reverse order, counter-clockwise")
     if area < MIN_OBJECT_AREA:
         return PolygonFault(None, f"has the area {area:.3g} m^2; at least {MIN_OBJECT_AREA:g} m^2 is needed")
     return _fault_of_body(polygon, edges) if solid else None
@@ -75,7 +75,7 @@ def _fault_of_body(polygon: FloatArray, edges: FloatArray) -> PolygonFault | Non
     if offsets.min() <= _VERTEX_TOLERANCE:
         vertex = int(np.argmin(offsets))
         point = polygon[vertex].tolist()
-        return PolygonFault(vertex, f"has collinear vertices: {point} lies on the line of its neighbours; leave it out")
+        return PolygonFault(vertex, f"has collinear vertices: {point} lies on the line of its neighbours; remove it")
     if turns.min() >= geometry.CONVEXITY_TOLERANCE:
         thickness = geometry.least_width(polygon)
         if thickness < MIN_OBJECT_THICKNESS:
@@ -86,7 +86,7 @@ def _fault_of_body(polygon: FloatArray, edges: FloatArray) -> PolygonFault | Non
 
 
 def _thin_spot(polygon: FloatArray) -> PolygonFault | None:
-    """Where a polygon that is not convex is thinner than the least thickness, found by rolling a disc through it."""
+    """The place where a non-convex polygon is thinner than the least thickness, found by rolling a disc through it."""
     radius = 0.5 * MIN_OBJECT_THICKNESS * (1.0 - 1e-6)
     outline = shapely.Polygon(polygon)
     core = outline.buffer(-radius)  # where the centre of the disc can be
@@ -120,12 +120,14 @@ def _duplicate(polygon: FloatArray, vertex: int) -> PolygonFault:
     following = (vertex + 1) % len(polygon)
     if following == 0:
         point = polygon[vertex].tolist()
-        return PolygonFault(vertex, f"repeats its first vertex {point} at its end; it is closed without: leave it out")
-    return PolygonFault(following, f"has the duplicate vertex {polygon[following].tolist()}; leave it out")
+        return PolygonFault(
+            vertex, f"repeats its first vertex {point} at its end; polygons are closed implicitly, so remove it"
+        )
+    return PolygonFault(following, f"has the duplicate vertex {polygon[following].tolist()}; remove it")
 
 
 def _crossing(polygon: FloatArray, shape: shapely.Polygon) -> PolygonFault:
-    """The fault of a polygon that crosses or touches itself, with the vertex nearest to the place."""
+    """The fault of a polygon that crosses or touches itself, with the vertex nearest to the intersection."""
     spread = np.linalg.matrix_rank(polygon - polygon[0], tol=_VERTEX_TOLERANCE)
     if spread < 2:
         return PolygonFault(None, "has collinear vertices only, so it spans no area")

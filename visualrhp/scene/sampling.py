@@ -1,41 +1,27 @@
-"""Random task instances, each a function of (distribution, seed, split, index) alone (paper, Sec. 6.1 and 7)."""
+"""Random task instances, each a function of (distribution, seed, split, index) only (paper, Sec. 6.1 and 7)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import get_args
+from typing import Annotated
 
 import numpy as np
 import shapely
 
-from visualrhp.errors import ConfigError
+from visualrhp.parameters import AsRange, AsTuple, Field, NonNegative, Positive, parameters
 from visualrhp.scene import geometry
 from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance, square_edges
+from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import FloatArray, ObjectSize, State
 
 MAX_OBJECTS = 20
-"""Largest density that can be asked for; the paper goes to 7."""
+"""Largest number of objects that can be requested; the paper uses up to 7."""
+
+NumObjects = Annotated[int, Field(ge=1, le=MAX_OBJECTS)]
+NumVertices = Annotated[int, Field(ge=3)]
 
 _ATTEMPTS_PER_OBJECT = 100
-_INSTANCE_STREAM = 0
-
-
-class Split(IntEnum):
-    """Disjoint families of task instances, so that nothing is evaluated on what it was trained on."""
-
-    DEMONSTRATIONS = 0
-    REINFORCEMENT = 1
-    VALIDATION = 2
-    EVALUATION = 3
-    TUNING = 4
-
-
-def generator_for(seed: int, split: Split, index: int, *purpose: int) -> np.random.Generator:
-    """The random stream of task instance ``index``; ``purpose`` numbers further streams beside the instance's own."""
-    key = (int(split), index, *(purpose or (_INSTANCE_STREAM,)))
-    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=key))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +51,16 @@ SIZE_CLASSES: dict[ObjectSize, tuple[ShapeClass, ...]] = {
     "mixed": (GRASPABLE, DIRECTIONAL, BULKY),
     "large": (DIRECTIONAL, BULKY),
 }
-"""Shape classes drawn from, with equal probability, for each average object size of Sec. 8.1."""
+"""Shape classes, sampled with equal probability, for each average object size of Sec. 8.1."""
 
 
-@dataclass(frozen=True, slots=True)
+@parameters
 class SceneDistribution:
     """Parameters of the random task instances. Defaults: Sec. 7 and footnote 3. SI units.
 
     Attributes:
-        num_objects: smallest and largest number of objects m, drawn uniformly; the desired object counts.
+        num_objects: smallest and largest number of objects m, sampled uniformly, including the desired object. A
+            single number stands for both.
         object_size: size class of all objects.
         surface_side: side of the square surface.
         target_radius: radius of the target region, whose centre is uniform over the surface.
@@ -88,53 +75,42 @@ class SceneDistribution:
         ConfigError: a parameter is out of range.
     """
 
-    num_objects: tuple[int, int] = (1, 7)
+    num_objects: Annotated[tuple[NumObjects, NumObjects], AsRange, AsTuple] = (1, 7)
     object_size: ObjectSize = "mixed"
-    surface_side: float = 0.5
-    target_radius: float = 0.07
-    density: float = 1.0
-    friction: float = 0.3
-    num_vertices: tuple[int, int] = (4, 8)
-    clearance: float = 0.005
-    start_distance: tuple[float, float] = (0.01, 0.05)
-    start_angle: float = np.pi / 6
+    surface_side: Positive = 0.5
+    target_radius: Positive = 0.07
+    density: Positive = 1.0
+    friction: Positive = 0.3
+    num_vertices: Annotated[tuple[NumVertices, NumVertices], AsTuple] = (4, 8)
+    clearance: NonNegative = 0.005
+    start_distance: Annotated[tuple[float, float], AsTuple] = (0.01, 0.05)
+    start_angle: NonNegative = np.pi / 6
 
     def __post_init__(self) -> None:
-        low, high = self.num_objects
-        if not 1 <= low <= high <= MAX_OBJECTS:
-            raise ConfigError(
-                f"num_objects={list(self.num_objects)}: the number of objects ranges from 1 to {MAX_OBJECTS}, the "
-                "smaller bound first"
-            )
-        if self.object_size not in get_args(ObjectSize):
-            raise ConfigError(f"object_size={self.object_size!r}: choose one of {', '.join(get_args(ObjectSize))}")
-        for name in ("surface_side", "target_radius", "density", "friction"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name}={getattr(self, name)}: must be positive")
-        if not 3 <= self.num_vertices[0] <= self.num_vertices[1]:
-            raise ConfigError(f"num_vertices={list(self.num_vertices)}: a polygon has at least 3 vertices")
-        if self.clearance < 0.0:
-            raise ConfigError(f"clearance={self.clearance}: must not be negative")
+        for name in ("num_objects", "num_vertices"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name}=[{low}, {high}]: the smaller bound comes first.")
 
 
 def sample_task_instance(distribution: SceneDistribution, seed: int, split: Split, index: int) -> TaskInstance:
-    """Draw task instance ``index``: the same for equal arguments, independent of any other index.
+    """Sample task instance ``index``: the same for equal arguments, independent of any other index.
 
-    Objects lie wholly on the surface, apart from each other and from the gripper, which starts near an edge, open and
-    heading inwards. The desired object's centre is outside the target region.
+    Objects lie entirely on the surface, at a distance from each other and from the gripper, which starts near an edge,
+    open and heading inwards. The desired object's centre is outside the target region.
     """
-    rng = generator_for(seed, split, index)
+    rng = generator_for(seed, split, index, Stream.INSTANCE)
     edges = square_edges(distribution.surface_side)
     gripper = Gripper()
     num_objects = int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
     while True:
         target = TargetRegion(_sample_position(edges, rng), distribution.target_radius)
         objects = tuple(_sample_shape(distribution, rng) for _ in range(num_objects))
-        robot_pose = _sample_robot_pose(distribution, edges, rng)
-        obstacles = [shapely.Polygon(outline) for outline in gripper.outlines(robot_pose, gripper.stroke)]
+        gripper_pose = _sample_gripper_pose(distribution, edges, rng)
+        obstacles = [shapely.Polygon(outline) for outline in gripper.outlines(gripper_pose, gripper.stroke)]
         poses = _place_objects(objects, edges, target, obstacles, distribution.clearance, rng)
         if poses is not None:
-            state = State.create(robot_pose, gripper.stroke, False, poses)
+            state = State.create(gripper_pose, gripper.stroke, False, poses)
             return TaskInstance(Scene(target, objects, edges, gripper), state)
 
 
@@ -158,7 +134,7 @@ def _sample_shape(distribution: SceneDistribution, rng: np.random.Generator) -> 
     return ObjectShape.centred(outline, distribution.density, distribution.friction)
 
 
-def _sample_robot_pose(distribution: SceneDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _sample_gripper_pose(distribution: SceneDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
     """[3] near a uniformly chosen point of the border, heading inwards."""
     following = np.roll(edges, -1, axis=0)
     lengths = np.linalg.norm(following - edges, axis=1)
@@ -180,7 +156,7 @@ def _place_objects(
     clearance: float,
     rng: np.random.Generator,
 ) -> FloatArray | None:
-    """[m, 3] poses by rejection, or None if an object found no place."""
+    """[m, 3] poses by rejection sampling, or None if there was no place for an object."""
     surface = shapely.Polygon(edges).buffer(-clearance)
     occupied = list(obstacles)
     poses = []

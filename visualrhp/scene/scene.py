@@ -1,4 +1,4 @@
-"""What a problem is: the surface, the target region and the objects (paper, Sec. 4)."""
+"""Scenes and task instances: the surface, the target region and the objects (paper, Sec. 4)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ObjectShape:
 
     @classmethod
     def centred(cls, outline: npt.ArrayLike, density: float = 1.0, friction: float = 0.3) -> ObjectShape:
-        """A shape from vertices in any frame, moved so that the centre of mass is the origin.
+        """Make a shape from vertices in any frame, moved so that the centre of mass is the origin.
 
         Raises:
             SceneError: as the constructor.
@@ -84,7 +84,7 @@ class ObjectShape:
     def located(
         cls, outline: npt.ArrayLike, density: float = 1.0, friction: float = 0.3
     ) -> tuple[ObjectShape, FloatArray]:
-        """A shape from vertices in any frame, and the position [2] of its centre of mass in that frame.
+        """Make a shape from vertices in any frame; also return the position [2] of its centre of mass in that frame.
 
         Raises:
             SceneError: as the constructor.
@@ -92,27 +92,27 @@ class ObjectShape:
         given = read_only(outline)
         if not (given.size and np.abs(given).max() <= MAX_COORDINATE and given.ndim == 2 and len(given) > 2):
             checked_polygon(given, "an object's outline", solid=True)
-        if not geometry.signed_area(given) > 0.0:  # without an area, it has no centre
+        if not geometry.signed_area(given) > 0.0:  # without an area, there is no centre
             checked_polygon(given, "an object's outline", solid=True)
         moved, position = given, np.zeros(2)
-        for _ in range(3):  # rounding leaves an offset that a second shift removes
+        for _ in range(3):  # rounding leaves an offset, which a second shift removes
             shift = geometry.centroid(moved)
             moved = moved - shift
             position = position + shift
         try:
             return cls(moved, density, friction), position
         except SceneError:
-            checked_polygon(given, "an object's outline", solid=True)  # speaks of the vertices that were given
+            checked_polygon(given, "an object's outline", solid=True)  # reports the vertices as given
             raise
 
     @classmethod
     def from_contour(
         cls, points: npt.ArrayLike, tolerance: float = 1e-3, density: float = 1.0, friction: float = 0.3
     ) -> ObjectShape:
-        """A shape from a contour as a camera gives it: hundreds of points [N, 2], in any frame and either direction.
+        """Make a shape from a camera contour: hundreds of points [N, 2], in any frame and with either orientation.
 
-        The outline departs from the contour by at most ``tolerance`` [m] and is centred. For the place of its centre
-        in the frame of the points, use :func:`visualrhp.scene.geometry.simplify_contour` and :meth:`located`.
+        The outline deviates from the contour by at most ``tolerance`` [m] and is centred. For the position of its
+        centre in the frame of the points, use :func:`visualrhp.scene.geometry.simplify_contour` and :meth:`located`.
 
         Raises:
             SceneError: the contour is degenerate, or as the constructor.
@@ -123,7 +123,7 @@ class ObjectShape:
     def convex_parts(self) -> tuple[FloatArray, ...]:
         """Convex polygons [V, 2] in the body frame, counter-clockwise, whose union is the outline; they may overlap.
 
-        The outline itself, to the bit, if it is convex.
+        The outline itself, unchanged, if it is convex.
         """
         parts = convex_parts(self.outline)
         for part in parts:
@@ -161,7 +161,7 @@ class ObjectShape:
 
 @dataclass(frozen=True, eq=False)
 class TargetRegion:
-    """The disc into which the desired object is to be brought.
+    """The disc into which the desired object is to be moved.
 
     Attributes:
         position: [2] centre [m] in the world frame.
@@ -195,13 +195,13 @@ def square_edges(side: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What stays fixed during a task: ``edges``, ``tarReg`` and ``ver`` of Sec. 4.
+    """The fixed part of a task: ``edges``, ``tarReg`` and ``ver`` of Sec. 4.
 
     Attributes:
         target: the target region; its centre lies within the edges.
         objects: the desired object first, then the obstacles.
         edges: [E, 2] vertices of the surface [m] in the world frame, counter-clockwise.
-        gripper: outline of the end-effector.
+        gripper: geometry of the end effector.
 
     Raises:
         SceneError: no objects, a degenerate surface, or a target centre outside it.
@@ -222,7 +222,7 @@ class Scene:
 
     @property
     def num_objects(self) -> int:
-        """Number of objects m, the desired one included."""
+        """Number of objects m, including the desired one."""
         return len(self.objects)
 
     @cached_property
@@ -230,8 +230,8 @@ class Scene:
         """All outlines in one array: surface, target region, palm, left finger, right finger, then the objects.
 
         Returns:
-            Vertices x + i y [m] in the frames of their bodies (surface and target: the world), [sum of V]; the number
-            of the outline that each belongs to, [sum of V]; and where each outline is, [5 + m].
+            Vertices x + i y [m] in the frames of their bodies (surface and target: the world), [sum of V]; the index
+            of the outline of each vertex, [sum of V]; and the slice of each outline, [5 + m].
         """
         gripper, target = self.gripper, self.target
         outlines = [self.edges, target.position + target.radius * _CIRCLE]
@@ -257,11 +257,11 @@ class Scene:
 class TaskInstance:
     """A scene and the state from which the task starts.
 
-    What is cheap to see is checked here. A start that comes from outside (a file, a camera, a caller) should also go
-    through :func:`visualrhp.scene.start.check_start`, which looks for bodies that overlap.
+    Only cheap checks are made here. A start from an external source (a file, a camera, a caller) should also be checked
+    with :func:`visualrhp.scene.start.check_start`, which finds overlapping bodies.
 
     Raises:
-        SceneError: another number of poses than objects, a number that is not finite, or an opening out of range.
+        SceneError: the numbers of poses and objects differ, a number is not finite, or the opening is out of range.
     """
 
     scene: Scene

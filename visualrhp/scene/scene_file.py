@@ -1,10 +1,10 @@
-"""Task instances in YAML or JSON files: scenes of one's own (docs/scenes.md has every field).
+"""Task instances in YAML or JSON files, for user-defined scenes (docs/scenes.md describes every field).
 
-A file is read in three passes: syntax (with the place of everything), fields against the schema of
-:mod:`visualrhp.scene.scene_schema`, and geometry. Each pass tells all that it finds, with line and field.
+A file is read in three passes: syntax (with line and column of every value), fields against the schema of
+:mod:`visualrhp.scene.scene_schema`, and geometry. Each pass reports all errors that it finds, with line and field.
 
-An object's outline may be drawn in any frame. Its pose is that of the frame in which the outline is drawn; an outline
-whose centre of mass is at the origin of its frame, as :class:`ObjectShape` keeps it, is taken as it is, to the bit.
+An object's outline may be drawn in any frame, and its pose is the pose of that frame. An outline whose centre of mass
+is at the origin of its frame, as in :class:`ObjectShape`, is read without change.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _START_DISTANCE = 0.03
 _MAX_DEPTH = 16
 
 _Path = tuple[str | int, ...]
-_Node = Any  # of ruamel.yaml, which is imported where it is used since `import visualrhp.scene` should stay quick
+_Node = Any  # of ruamel.yaml, which is imported lazily so that `import visualrhp.scene` stays fast
 
 
 class _Fault(NamedTuple):
@@ -52,8 +52,8 @@ def load_task_instance(path: str | os.PathLike[str]) -> TaskInstance:
     """Read a scene and its initial state from a YAML or JSON file, by its suffix.
 
     Raises:
-        SceneError: the file cannot be read, is not YAML or JSON, does not follow the schema, or describes what cannot
-            be simulated (a degenerate polygon, an overlapping start, an object off the surface). Each line of the
+        SceneError: the file cannot be read, is not YAML or JSON, does not follow the schema, or cannot be simulated (a
+            degenerate polygon, an overlapping start, an object off the surface). Each line of the
             message starts with file, line, column and field.
     """
     source = Path(path)
@@ -67,11 +67,11 @@ def load_task_instance(path: str | os.PathLike[str]) -> TaskInstance:
 def save_task_instance(path: str | os.PathLike[str], instance: TaskInstance) -> None:
     """Write a scene and its initial state to a YAML or JSON file, by its suffix, atomically.
 
-    What is loaded from the file equals ``instance`` to the bit.
+    Loading the file returns an instance that equals ``instance`` exactly.
 
     Raises:
-        SceneError: the instance could not be loaded again (overlapping start, a value out of the ranges of a scene
-            file), or the suffix is another.
+        SceneError: the instance could not be loaded again (overlapping start, a value outside the ranges of a scene
+            file), or the suffix is not supported.
     """
     destination = Path(path)
     _check_suffix(destination)
@@ -84,7 +84,7 @@ def save_task_instance(path: str | os.PathLike[str], instance: TaskInstance) -> 
 
 
 def scene_file_schema() -> dict[str, Any]:
-    """The JSON Schema of scene files, for editors and other programs. It leaves the geometry unchecked."""
+    """The JSON Schema of scene files, for editors and other programs. It does not check the geometry."""
     from visualrhp.scene.scene_schema import SceneFields
 
     schema = SceneFields.model_json_schema(by_alias=True)
@@ -107,7 +107,7 @@ def _read(source: Path) -> str:
 
 
 class _Document:
-    """The nodes of a YAML or JSON text, with their places."""
+    """The nodes of a YAML or JSON text, with their positions."""
 
     def __init__(self, source: Path, text: str) -> None:
         from ruamel.yaml import YAML
@@ -117,8 +117,8 @@ class _Document:
         self._values: dict[int, Any] = {}
         if source.suffix == ".json":
             self._check_json(text)
-            text = text.replace("\t", " ")  # white space in JSON; YAML, of which JSON is a part, has its own view
-        loader = YAML(typ="safe", pure=True)  # builds no objects but numbers, strings, lists and mappings
+            text = text.replace("\t", " ")  # tabs are white space in JSON, but not in YAML, whose parser reads both
+        loader = YAML(typ="safe", pure=True)  # builds only numbers, strings, lists and mappings
         try:
             self._root = loader.compose(text)
             if self._root is None:
@@ -141,9 +141,9 @@ class _Document:
             raise SceneError(f"{self._source}: is not JSON of a scene: {error}") from error
 
     def _value(self, node: _Node, constructor: Any, where: _Path) -> Any:
-        """The plain value of a node, made once for all its aliases.
+        """The plain value of a node, built once for all its aliases.
 
-        Refused are keys that occur twice or are no plain values, and aliases that lead into themselves.
+        Duplicate keys, keys that are not plain values, and recursive aliases are rejected.
         """
         if id(node) in self._values:
             return self._values[id(node)]
@@ -158,7 +158,7 @@ class _Document:
                     self.refuse([_Fault(where, "has a key that is not the name of a field", key)])
                 name = str(key.value)
                 if name in value:
-                    self.refuse([_Fault((*where, name), "occurs twice; leave one out", key)])
+                    self.refuse([_Fault((*where, name), "occurs twice; remove one", key)])
                 value[name] = self._value(child, constructor, (*where, name))
         else:
             value = constructor.construct_object(node)
@@ -166,7 +166,7 @@ class _Document:
         return value
 
     def refuse(self, faults: Sequence[_Fault]) -> None:
-        """Raise an error with all faults, if there are any, with the line and column of each."""
+        """Raise an error with the line and column of each fault, if there are any."""
         lines = []
         for fault in faults:
             mark = (fault.node or self._node(fault.where)).start_mark
@@ -176,7 +176,7 @@ class _Document:
             raise SceneError("\n".join(lines))
 
     def _node(self, where: _Path) -> _Node:
-        """The node at a path, or the innermost around it that is in the file: the key for an unknown one."""
+        """The node at a path, or the innermost node around it in the file; the key node for an unknown field."""
         node = self._root
         for key in where:
             children = dict(_children(node))
@@ -211,7 +211,7 @@ _UNKNOWN = "is not a field"
 
 
 def _schema_faults(content: Any) -> tuple[SceneFields | None, list[_Fault]]:
-    """The fields, or what is wrong with them."""
+    """The fields, or their faults."""
     from pydantic import ValidationError
 
     from visualrhp.scene.scene_schema import SceneFields
@@ -223,7 +223,7 @@ def _schema_faults(content: Any) -> tuple[SceneFields | None, list[_Fault]]:
 
 
 def _schema_fault(detail: Any) -> _Fault:
-    """One of pydantic's errors in our words: what is wrong and what would be right."""
+    """Rephrase one of pydantic's errors: the problem and the expected value."""
     where: _Path = detail["loc"]
     known = _fields_of(where[:-1])
     if detail["type"] == "extra_forbidden":
@@ -233,9 +233,9 @@ def _schema_fault(detail: Any) -> _Fault:
     right = _description(where)
     match detail["type"]:
         case "missing" if isinstance(where[-1], str):
-            return _Fault(where, f"is missing; it is needed: {right}")
+            return _Fault(where, f"is missing; expected: {right}")
         case "missing":
-            return _Fault(where[:-1], f"has too few numbers; right would be: {right}")
+            return _Fault(where[:-1], f"has too few numbers; expected: {right}")
         case "too_short" | "too_long":
             message = f"has {len(detail['input'])} entries"
         case "model_type":
@@ -244,11 +244,11 @@ def _schema_fault(detail: Any) -> _Fault:
             message = f"is {_shown(detail['input'])}; angles are in radians, from -2 pi to 2 pi"
         case _:
             message = detail["msg"].replace("Input should be", "should be") + f", not {_shown(detail['input'])}"
-    return _Fault(where, f"{message}; right would be: {right}")
+    return _Fault(where, f"{message}; expected: {right}")
 
 
 def _shown(value: Any) -> str:
-    """A value of a file in a message."""
+    """Format a value of a file for a message."""
     if isinstance(value, list):
         return f"a list of {len(value)}"
     if isinstance(value, dict):
@@ -272,7 +272,7 @@ def _fields_of(where: _Path) -> dict[str, str]:
 
 
 def _description(where: _Path) -> str:
-    """The description of the innermost field around a path."""
+    """The description of the innermost named field of a path."""
     names = [index for index, key in enumerate(where) if isinstance(key, str)]
     if not names:
         return "a mapping with target, objects and other fields"
@@ -299,8 +299,8 @@ def _task_instance(document: _Document, fields: SceneFields) -> TaskInstance:
     if opening > gripper.stroke:
         message = f"is {opening} m; it ranges from 0 to the stroke of the gripper, {gripper.stroke} m"
         document.refuse([_Fault(("robot", "opening"), message)])
-    robot_pose = _default_robot_pose(edges) if robot.pose is None else robot.pose
-    state = State.create(robot_pose, opening, robot.closed, poses)
+    gripper_pose = _default_gripper_pose(edges) if robot.pose is None else robot.pose
+    state = State.create(gripper_pose, opening, robot.closed, poses)
     return TaskInstance(Scene(TargetRegion(position, fields.target.radius), shapes, edges, gripper), state)
 
 
@@ -313,21 +313,21 @@ def _placed_object(entry: ObjectFields) -> tuple[ObjectShape, FloatArray]:
     return shape, np.array([*geometry.to_world(centre, pose), pose[2]])
 
 
-def _default_robot_pose(edges: FloatArray) -> FloatArray:
-    """[3] inwards of the middle of the first edge, heading inwards."""
+def _default_gripper_pose(edges: FloatArray) -> FloatArray:
+    """[3] inwards from the middle of the first edge, heading inwards."""
     along = (edges[1] - edges[0]) / np.hypot(*(edges[1] - edges[0]))
     inward = np.array([-along[1], along[0]])  # counter-clockwise edges have the surface on their left
     return np.array([*(0.5 * (edges[0] + edges[1]) + _START_DISTANCE * inward), np.arctan2(inward[1], inward[0])])
 
 
 def _content(instance: TaskInstance) -> dict[str, Any]:
-    """An instance as the plain values of a scene file, every field written out."""
+    """The instance as the plain values of a scene file, with all fields."""
     scene, state = instance.scene, instance.state
     return {
         "edges": scene.edges.tolist(),
         "target": {"position": scene.target.position.tolist(), "radius": float(scene.target.radius)},
         "robot": {
-            "pose": state.robot_pose.tolist(),
+            "pose": state.gripper_pose.tolist(),
             "opening": state.gripper_opening,
             "closed": state.gripper_closed,
         },

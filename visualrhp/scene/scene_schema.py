@@ -1,4 +1,4 @@
-"""Fields of a scene file, their types and ranges. Kept apart from the layer's other modules: pydantic loads slowly."""
+"""Fields of a scene file, their types and ranges. A separate module, since pydantic loads slowly."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _GRIPPER = Gripper()
 
 
 class Fields(BaseModel):
-    """A mapping in a scene file: no other keys, no numbers in quotes."""
+    """A mapping in a scene file, without additional keys or quoted numbers."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class TargetFields(Fields):
-    """The disc into which the desired object is to be brought."""
+    """The disc into which the desired object is to be moved."""
 
     position: Point = Field(description="centre (x, y) [m], on the surface")
     radius: Length = Field(0.07, description="radius [m]")
@@ -38,8 +38,8 @@ class RobotFields(Fields):
 
     pose: Pose | None = Field(
         None,
-        description="gripper frame (x [m], y [m], theta [rad]); by default 3 cm inwards of the middle "
-        "of the first edge, heading inwards",
+        description="gripper frame (x [m], y [m], theta [rad]); by default 3 cm inwards from the "
+        "middle of the first edge, heading inwards",
     )
     opening: Annotated[float, Field(ge=0.0, le=MAX_STROKE, allow_inf_nan=False)] | None = Field(
         None, description="between the fingers [m]; by default the stroke, or 0 if closed"
@@ -82,8 +82,8 @@ class GripperFields(Fields):
 class SceneFields(Fields):
     """A scene and the state from which a task starts. SI units, radians, world frame: x right, y up."""
 
-    schema_: str | None = Field(None, alias="$schema", description="where editors find the schema; not read")
-    description: str | None = Field(None, description="what the scene shows; not read")
+    schema_: str | None = Field(None, alias="$schema", description="where editors find the schema; ignored")
+    description: str | None = Field(None, description="what the scene shows; ignored")
     edges: Polygon = Field(
         [(-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25)],
         description="vertices (x, y) [m] of the surface in the world frame, counter-clockwise, a simple polygon",

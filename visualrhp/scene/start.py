@@ -1,4 +1,4 @@
-"""Whether a state can be simulated from: what a task that was given from outside is checked for."""
+"""Validation of initial states that come from outside the library."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
 from visualrhp.scene.polygons import MAX_COORDINATE
 from visualrhp.scene.scene import Scene
-from visualrhp.types import State
+from visualrhp.types import Column, State
 
 MAX_START_OVERLAP = 2e-3
-"""How deep bodies may be in each other at the start [m]: what a jam between the fingers can leave behind."""
+"""Largest penetration of two bodies at the start [m], which jams between the fingers can cause."""
 
 
 class StartFault(NamedTuple):
-    """What is wrong with a start.
+    """A defect of an initial state.
 
     Attributes:
         where: path of the field in a scene file, such as ("objects", 2, "pose").
-        message: what is wrong and what would be right.
+        message: the problem and the expected value.
     """
 
     where: tuple[str | int, ...]
@@ -31,15 +31,15 @@ class StartFault(NamedTuple):
 
 
 def check_start(scene: Scene, state: State) -> None:
-    """See to it that ``state`` is one from which ``scene`` can be simulated.
+    """Check that ``scene`` can be simulated from ``state``.
 
     A state that the simulator returned passes, unless it dropped an object.
 
     Raises:
-        SceneError: another number of objects than the scene, a number that is not finite, a commanded gripper state
-            that is neither 0 nor 1, an opening outside [0, stroke], an object whose centre is outside the edges, or
-            bodies that are more than :data:`MAX_START_OVERLAP` into each other (the gripper included). The message
-            has one line for each fault.
+        SceneError: the number of objects is not that of the scene, a number is not finite, the commanded gripper state
+            is neither 0 nor 1, the opening is outside [0, stroke], an object's centre is outside the edges, or two
+            bodies (including the gripper) penetrate each other by more than :data:`MAX_START_OVERLAP`. The
+            message has one line for each fault.
     """
     faults = list(start_faults(scene, state))
     if faults:
@@ -47,11 +47,11 @@ def check_start(scene: Scene, state: State) -> None:
 
 
 def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
-    """Everything that :func:`check_start` finds wrong."""
+    """All faults that :func:`check_start` reports."""
     if state.num_objects != scene.num_objects:
         yield StartFault(("objects",), f"the state has {state.num_objects} objects and the scene {scene.num_objects}")
         return
-    named = [(("robot", "pose"), state.robot_pose)]
+    named = [(("robot", "pose"), state.gripper_pose)]
     named += [(("objects", number, "pose"), pose) for number, pose in enumerate(state.object_poses)]
     lost = [
         StartFault(where, f"is {pose.tolist()}; a pose is three finite numbers, the place within {MAX_COORDINATE:g} m")
@@ -59,7 +59,7 @@ def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
         if not (np.isfinite(pose).all() and np.abs(pose[:2]).max() <= MAX_COORDINATE)
     ]
     yield from lost
-    opening, closed, stroke = state.gripper_opening, float(state.vector[4]), scene.gripper.stroke
+    opening, closed, stroke = state.gripper_opening, float(state.vector[Column.CLOSED]), scene.gripper.stroke
     if closed not in (0.0, 1.0):
         yield StartFault(("robot", "closed"), f"is {closed}; it is 1 (closed) or 0 (open)")
     if not 0.0 <= opening <= stroke:
@@ -78,10 +78,10 @@ def _misplaced(scene: Scene, state: State) -> Iterator[StartFault]:
 
 
 def _overlapping(scene: Scene, state: State) -> Iterator[StartFault]:
-    """Pairs of bodies that still overlap when half the tolerance is taken off the border of each."""
+    """Pairs of bodies that overlap even when the border of each is moved inwards by half the tolerance."""
     placed = zip(scene.objects, state.object_poses, strict=True)
     outlines = [geometry.to_world(shape.outline, pose) for shape, pose in placed]
-    outlines += scene.gripper.outlines(state.robot_pose, state.gripper_opening)
+    outlines += scene.gripper.outlines(state.gripper_pose, state.gripper_opening)
     bodies = np.array([shapely.Polygon(outline) for outline in outlines])
     count = scene.num_objects
     names = [f"objects[{number}]" for number in range(count)] + ["the palm", "the left finger", "the right finger"]
@@ -99,5 +99,5 @@ def _overlapping(scene: Scene, state: State) -> Iterator[StartFault]:
 
 
 def field_path(where: tuple[str | int, ...]) -> str:
-    """The path of a field as it is written in messages: objects[2].pose."""
+    """The path of a field as written in messages: objects[2].pose."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in where).lstrip(".")

@@ -1,4 +1,4 @@
-"""Physics: state and action to next state, on pymunk; action spaces, reward, goal and validity."""
+"""Physics simulation with pymunk: action spaces, transition function, reward, goal and validity."""
 
 from visualrhp.simulation.action_spaces import (
     ActionSpace,
@@ -8,7 +8,7 @@ from visualrhp.simulation.action_spaces import (
     make_action_space,
 )
 from visualrhp.simulation.physics import Physics
-from visualrhp.simulation.task import (
+from visualrhp.simulation.rules import (
     ACTION_REWARD,
     DISCOUNT,
     DROP_REWARD,

@@ -13,24 +13,24 @@ from visualrhp.errors import ActionError, ConfigError
 from visualrhp.types import Action, ActionSpaceName
 
 MAX_TRANSLATION: Final = 0.1
-"""Longest displacement of a motion along an axis [m]. Faster, and thin objects might be passed through."""
+"""Largest displacement of a motion along an axis [m]; a faster gripper could pass through thin objects."""
 
 MAX_ROTATION: Final = math.radians(50.0)
-"""Largest turn of a motion [rad]."""
+"""Largest rotation of a motion [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class GripperMotion:
-    """What an action commands, in the gripper frame at its start.
+    """The motion that an action commands, in the gripper frame at its start.
 
     Attributes:
         forward: longitudinal displacement [m].
         left: lateral displacement [m].
-        rotation: turn, counter-clockwise [rad].
-        closed: commanded gripper state, or None to keep the present one.
+        rotation: counter-clockwise [rad].
+        closed: commanded gripper state, or None to keep the current one.
 
     Raises:
-        ActionError: a displacement or the turn is not finite, or larger than the largest of an action.
+        ActionError: a displacement or the rotation is not finite or too large for one action.
     """
 
     forward: float = 0.0
@@ -45,13 +45,13 @@ class GripperMotion:
             and abs(self.rotation) <= MAX_ROTATION
         ):
             raise ActionError(
-                f"a motion is at most {MAX_TRANSLATION} m along each axis and {MAX_ROTATION:.4f} rad of turning, not "
-                f"{self.forward} m, {self.left} m and {self.rotation} rad; divide it into several"
+                f"a motion is at most {MAX_TRANSLATION} m along each axis and {MAX_ROTATION:.4f} rad of rotation, not "
+                f"{self.forward} m, {self.left} m and {self.rotation} rad; divide it into several motions"
             )
 
 
 class ActionSpace(ABC):
-    """A set of actions and the gripper motions they stand for."""
+    """A set of actions and the gripper motions that they command."""
 
     name: ClassVar[ActionSpaceName]
 
@@ -60,20 +60,20 @@ class ActionSpace(ABC):
         """The motion that ``action`` commands.
 
         Raises:
-            ActionError: the action is not of this space, or not finite.
+            ActionError: the action is not in this space, or not finite.
         """
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> Action:
-        """An action drawn uniformly."""
+        """Sample an action uniformly."""
 
     @abstractmethod
     def mirror(self, action: Action) -> Action:
-        """The action that does in the mirrored scene (left and right exchanged) what ``action`` does here."""
+        """The action with the effect of ``action`` in the mirrored scene (left and right exchanged)."""
 
 
 class DiscreteActionSpace(ActionSpace):
-    """Eight actions: four 5 cm translations along the axes of the gripper frame, two 30 degree turns, close, open.
+    """Eight actions: four 5 cm translations along the axes of the gripper frame, two 30 degree rotations, close, open.
 
     ===== ==========================
     index motion
@@ -133,7 +133,7 @@ class ContinuousActionSpace(ActionSpace):
     3     gripper        above 0 closes, else opens
     ===== ============== ============================
 
-    The gripper moves together with the hand.
+    The fingers open or close while the gripper moves.
     """
 
     name = "continuous"
@@ -167,10 +167,10 @@ _ACTION_SPACES: dict[str, type[ActionSpace]] = {
 
 
 def make_action_space(name: ActionSpaceName) -> ActionSpace:
-    """The action space called ``name``.
+    """Return the action space called ``name``.
 
     Raises:
-        ConfigError: there is none of that name.
+        ConfigError: the name is unknown.
     """
     if name not in _ACTION_SPACES:
         raise ConfigError(f"action_space={name!r}: choose one of {', '.join(get_args(ActionSpaceName))}")

@@ -1,17 +1,20 @@
 """Quasi-static planar physics: state and gripper motion to next state, on Chipmunk (pymunk).
 
-The simulator is Markov to the bit: the next state is a function of (scene, state, motion) and of nothing simulated
-before, because every motion begins in a new space (:mod:`visualrhp.simulation.world`). It ends when the world is at
-rest, so that a state needs no velocities.
+The simulator is exactly Markov: the next state is a bit-exact function of (scene, state, motion), whatever was
+    simulated
+before, because every motion begins in a new space (:mod:`visualrhp.simulation.chipmunk`). A motion ends when the world
+is at rest, so a state needs no velocities.
 
-Gripper: nothing on a table resists an arm, so the *palm* moves exactly as commanded, and the *fingers* turn with it.
-They slide sideways on rails of the palm, rack-and-pinion fashion: a *pinion* that turns on the palm carries a pin at
-each end, one in a slot of each finger, so that one motor of limited force opens and closes both symmetrically.
+Gripper: no object on the table can stop the arm, so the *palm* moves exactly as commanded, and the *fingers* rotate
+    with
+it. They slide sideways on rails of the palm like racks on a pinion: a *pinion* that rotates on the palm has a pin at
+    each
+end, one in a slot of each finger, so that one motor of limited force opens and closes both symmetrically.
 
-Surface friction: each object stands on five points. A joint without position correction holds each of them to the
-ground with a fifth of the friction force mu m g. The points are as far from the centre of mass as the area is on
-average, so that sliding meets mu m g, spinning meets the friction moment of the area under uniform pressure, and a
-motion that is both meets less of either, as the limit surface of a pushed object has it.
+Surface friction: each object rests on five points. A joint without position correction holds each of them to the ground
+with a fifth of the friction force mu m g. The distance of the points from the centre of mass is the mean distance of
+the area, so sliding is resisted by mu m g, spinning by the friction moment of the area under uniform pressure, and a
+combined motion by less of each, according to the limit surface of a pushed object.
 """
 
 from __future__ import annotations
@@ -23,25 +26,25 @@ import numpy as np
 from visualrhp.errors import SceneError, SimulationError
 from visualrhp.scene.scene import ObjectShape, Scene
 from visualrhp.simulation.action_spaces import GripperMotion
+from visualrhp.simulation.chipmunk import Body, ChipmunkWorld, Space, lib
 from visualrhp.simulation.physics import Physics
-from visualrhp.simulation.world import Body, Space, World, lib
-from visualrhp.types import State, wrap_angle
+from visualrhp.types import Column, State, wrap_angle
 
 _GRIPPER_GROUP = 1
 _ORIGIN = (0.0, 0.0)
 _PINION_RADIUS = 0.06
-"""Of its pins [m]; a little more than half the stroke, so that it stays below 45 degrees."""
+"""Lever of the pins [m]; a little more than half the stroke, so that the pinion stays below 45 degrees."""
 _HUGE = 1e30
-"""A mass or moment of inertia that no impulse moves, but a velocity that is set."""
+"""A mass or moment of inertia that impulses cannot move; only a set velocity does."""
 _NUM_SUPPORTS = 5  # odd: the friction of four depends on the direction of sliding
 _STEPS_BETWEEN_LOOKS = 5
 _PATIENCE = 50
-"""Settling steps after which the solver iterates more: what has not come to rest by then is jammed in the gripper."""
+"""Settling steps after which the solver iterates more: bodies that still move are jammed in the gripper."""
 _MORE_ITERATIONS = 4
 
 
-def add_object(world: World, shape: ObjectShape, gravity: float) -> Body:
-    """Add an object, and Coulomb friction on the surface: it resists velocity up to a limit and restores nothing."""
+def add_object(world: ChipmunkWorld, shape: ObjectShape, gravity: float) -> Body:
+    """Add an object with Coulomb friction on the surface: a limited resistance without restoring force."""
     body = world.add_body(shape.mass, shape.moment_of_inertia, shape.convex_parts, friction=shape.friction, asleep=True)
     alignment = _alignment(shape)
     force = shape.friction * shape.mass * gravity / alignment / _NUM_SUPPORTS
@@ -53,10 +56,10 @@ def add_object(world: World, shape: ObjectShape, gravity: float) -> Body:
 
 
 def _alignment(shape: ObjectShape) -> float:
-    """How much of the supports' forces points against the sliding, on average over its directions.
+    """The share of the supports' forces against the direction of sliding, averaged over the directions.
 
-    The solver's impulse at a point of a body is against the velocity times the effective mass, which is less across the
-    lever to the centre of mass than along it: m / (1 + m r^2 / I) rather than m.
+    The solver's impulse at a point of a body is opposite to the velocity times the effective mass, which is smaller
+    across the lever to the centre of mass than along it: m / (1 + m r^2 / I) instead of m.
     """
     angles = np.arange(24) * np.pi / 24
     along, across = np.cos(angles), np.sin(angles)
@@ -70,31 +73,38 @@ def _alignment(shape: ObjectShape) -> float:
 class Simulator:
     """Simulates gripper motions in one scene.
 
-    Not to be shared between threads; to send one to another process, send the scene.
+    Do not share a simulator between threads; to use one in another process, send the scene.
+
+    Attributes:
+        scene: the scene.
+        physics: the parameters.
+        world: bodies and joints, assembled.
+        motor: opens and closes the fingers.
+        closing_rate: of the motor [rad/s].
     """
 
     def __init__(self, scene: Scene, physics: Physics) -> None:
         self.scene = scene
         self.physics = physics
         self._half_stroke = scene.gripper.stroke / 2.0
-        self._closing_rate = math.asin(self._half_stroke / _PINION_RADIUS) / (
+        self.closing_rate = math.asin(self._half_stroke / _PINION_RADIUS) / (
             0.8 * physics.motion_steps * physics.time_step
         )
-        # Chipmunk counts the share of an error that is left after a second.
+        # Chipmunk expects the share of an error that remains after a second.
         self._overlap_bias = (1.0 - physics.overlap_correction) ** (1.0 / physics.time_step)
         self._joint_bias = (1.0 - physics.joint_correction) ** (1.0 / physics.time_step)
-        self._world = World(
+        self.world = ChipmunkWorld(
             num_bodies=4 + scene.num_objects,
             num_shapes=3 + sum(len(shape.convex_parts) for shape in scene.objects),
             num_joints=5 + _NUM_SUPPORTS * scene.num_objects,
         )
         self._add_gripper()
         for shape in scene.objects:
-            add_object(self._world, shape, physics.gravity)
-        self._world.freeze()
+            add_object(self.world, shape, physics.gravity)
+        self.world.freeze()
 
     def _add_gripper(self) -> None:
-        physics, gripper, world, half = self.physics, self.scene.gripper, self._world, self._half_stroke
+        physics, gripper, world, half = self.physics, self.scene.gripper, self.world, self._half_stroke
         solid = {"friction": physics.gripper_friction, "group": _GRIPPER_GROUP}
         mass = physics.gripper_density * gripper.finger_length * gripper.finger_thickness
         self._palm = world.add_body(0.0, 0.0, [gripper.palm], **solid)
@@ -108,43 +118,45 @@ class Simulator:
             pin = (side * _PINION_RADIUS, 0.0)
             world.add_joint("GrooveJoint", (finger, self._pinion), (*slot, pin), **bias)
         torque = 2.0 * physics.squeezing_force * _PINION_RADIUS
-        self._motor = world.add_joint("SimpleMotor", (self._palm, self._pinion), (0.0,), max_force=torque, **bias)
+        self.motor = world.add_joint("SimpleMotor", (self._palm, self._pinion), (0.0,), max_force=torque, **bias)
 
     def advance(self, state: State, motion: GripperMotion) -> State:
-        """The state in which the world comes to rest after ``motion``, started from ``state``.
+        """Return the state in which the world comes to rest after ``motion``, starting from ``state``.
 
         Raises:
-            SceneError: the state has another number of objects than the scene.
+            SceneError: the numbers of objects in the state and the scene differ.
             SimulationError: a pose of the result is not finite.
         """
         if state.num_objects != self.scene.num_objects:
             raise SceneError(f"the state has {state.num_objects} objects and the scene {self.scene.num_objects}")
         closed = state.gripper_closed if motion.closed is None else motion.closed
-        space = self._begin(state, closed)
+        space = self.begin(state, closed)
         try:
-            self._move(space, state, motion)
+            self.move(space, state, motion)
             self._settle(space)
-            return self._read(space, closed)
+            return self.read(space, closed)
         finally:
             lib.cpSpaceFree(space)
 
-    def _begin(self, state: State, closed: bool) -> Space:
+    def begin(self, state: State, closed: bool) -> Space:
+        """Make a new space in ``state``, with the motor set to open or close the fingers."""
         x, y, theta, opening, _, *object_poses = state.vector.tolist()
         half = 0.5 * opening
         left, up = -math.sin(theta) * half, math.cos(theta) * half
         fingers = (x + left, y + up, theta, x - left, y - up, theta)
         pinion = theta + math.asin(half / _PINION_RADIUS)
-        space = self._world.begin([x, y, theta, *fingers, x, y, pinion, *object_poses])
+        space = self.world.begin([x, y, theta, *fingers, x, y, pinion, *object_poses])
         lib.cpSpaceSetCollisionSlop(space, self.physics.contact_slop)
         lib.cpSpaceSetCollisionBias(space, self._overlap_bias)
-        # A positive rate of Chipmunk's motor turns the second body clockwise relative to the first.
-        lib.cpSimpleMotorSetRate(self._motor, self._closing_rate if closed else -self._closing_rate)
+        # A positive rate of Chipmunk's motor rotates the second body clockwise relative to the first.
+        lib.cpSimpleMotorSetRate(self.motor, self.closing_rate if closed else -self.closing_rate)
         return space
 
-    def _move(self, space: Space, state: State, motion: GripperMotion) -> None:
+    def move(self, space: Space, state: State, motion: GripperMotion) -> None:
+        """Execute ``motion`` from ``state`` with a constant velocity."""
         physics = self.physics
         duration = physics.motion_steps * physics.time_step
-        theta = float(state.vector[2])
+        theta = float(state.vector[Column.GRIPPER_THETA])
         c, s = math.cos(theta), math.sin(theta)
         velocity = (
             (c * motion.forward - s * motion.left) / duration,
@@ -153,13 +165,13 @@ class Simulator:
         self._drive(velocity, motion.rotation / duration)
         grip_steps = physics.grip_steps if state.gripper_closed else 0
         lib.cpSpaceSetIterations(space, physics.grip_iterations)
-        self._step(space, grip_steps)
+        self.step(space, grip_steps)
         lib.cpSpaceSetIterations(space, physics.iterations)
-        self._step(space, physics.motion_steps - grip_steps)
+        self.step(space, physics.motion_steps - grip_steps)
         self._drive(_ORIGIN, 0.0)
 
     def _drive(self, velocity: tuple[float, float], angular_velocity: float) -> None:
-        """Move the hand at ``velocity`` [m/s] and turn it [rad/s]; the fingers go sideways with their rails."""
+        """Move the palm at ``velocity`` [m/s] and rotate it [rad/s]; the fingers follow on their rails."""
         lib.cpBodySetVelocity(self._palm, velocity)
         lib.cpBodySetVelocity(self._pinion, velocity)
         lib.cpBodySetAngularVelocity(self._palm, angular_velocity)
@@ -171,17 +183,19 @@ class Simulator:
         for steps in range(0, physics.settle_steps, _STEPS_BETWEEN_LOOKS):
             if steps == _PATIENCE:
                 lib.cpSpaceSetIterations(space, _MORE_ITERATIONS * physics.iterations)
-            self._step(space, _STEPS_BETWEEN_LOOKS)
-            if self._world.top_speed(space) < physics.rest_speed:
+            self.step(space, _STEPS_BETWEEN_LOOKS)
+            if self.world.top_speed(space) < physics.rest_speed:
                 break
 
-    def _step(self, space: Space, steps: int) -> None:
+    def step(self, space: Space, steps: int) -> None:
+        """Integrate ``steps`` time steps."""
         step, time_step = lib.cpSpaceStep, self.physics.time_step
         for _ in range(steps):
             step(space, time_step)
 
-    def _read(self, space: Space, closed: bool) -> State:
-        palm, left, right, _, *object_poses = self._world.poses(space).tolist()
+    def read(self, space: Space, closed: bool) -> State:
+        """Read the current state; errors as :meth:`advance`."""
+        palm, left, right, _, *object_poses = self.world.poses(space).tolist()
         x, y, theta = palm
         opening = math.cos(theta) * (left[1] - right[1]) - math.sin(theta) * (left[0] - right[0])
         opening = min(max(opening, 0.0), 2.0 * self._half_stroke)
@@ -194,5 +208,5 @@ class Simulator:
 
 
 def _wrapped(angle: float) -> float:
-    """The angle in [-pi, pi), left as it is if it is there already; NaN if it is not finite."""
+    """The angle in [-pi, pi), unchanged if it is in the range; NaN if it is not finite."""
     return angle if -math.pi <= angle < math.pi else wrap_angle(angle)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from visualrhp.scene.scene import Scene
-from visualrhp.simulation import task
+from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ActionSpace
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.simulator import Simulator
@@ -11,41 +11,45 @@ from visualrhp.types import Action, State, Transition
 
 
 class TransitionModel:
-    """T and r of Sec. 4 for one scene: a function of (state, action), exact to the bit, whatever was simulated before.
+    """T and r of Sec. 4 for one scene: a bit-exact function of (state, action), whatever was simulated before.
 
     Attributes:
-        scene: the scene simulated.
+        scene: the simulated scene.
         action_space: translates actions into gripper motions.
     """
 
     def __init__(self, scene: Scene, action_space: ActionSpace, physics: Physics | None = None) -> None:
         self.scene = scene
         self.action_space = action_space
-        self._simulator = Simulator(scene, physics or Physics())
+        self.simulator = Simulator(scene, physics or Physics())
 
     def simulate(self, state: State, action: Action) -> Transition:
         """Execute ``action`` in ``state`` and wait until the world is at rest.
 
         Raises:
-            ActionError: the action is not of this model's space.
-            SceneError: the state has another number of objects than the scene.
+            ActionError: the action is not in the action space of this model.
+            SceneError: the numbers of objects in the state and the scene differ.
             SimulationError: the physics diverged.
         """
-        next_state = self._simulator.advance(state, self.action_space.motion(action))
+        next_state = self.advance(state, action)
         dropped = self.is_dropped(next_state)
         return Transition(
             state=state,
             action=action,
-            reward=task.reward(dropped),
+            reward=rules.reward(dropped),
             next_state=next_state,
             is_goal=not dropped and self.is_goal(next_state),
             is_dropped=dropped,
         )
 
+    def advance(self, state: State, action: Action) -> State:
+        """Return only the next state; errors as :meth:`simulate`."""
+        return self.simulator.advance(state, self.action_space.motion(action))
+
     def is_goal(self, state: State) -> bool:
         """Whether the desired object is in the target region."""
-        return task.is_goal(self.scene, state)
+        return rules.is_goal(self.scene, state)
 
     def is_dropped(self, state: State) -> bool:
         """Whether an object's centre is outside the surface edges."""
-        return task.is_dropped(self.scene, state)
+        return rules.is_dropped(self.scene, state)

@@ -1,0 +1,86 @@
+"""Schemas of the pipelines' configurations: parameters of the library, and those of the pipelines.
+
+A key of ``conf/`` is a field of exactly one dataclass. Classes that extend a class of the library add a tag, which
+distinguishes alternatives, and parameters that only the pipeline needs; an instance *is* an object of the library and
+is passed to it unchanged. All keys are required: ``conf/`` has the values.
+"""
+
+from pipelines.config.common import (
+    ActionSpaceConfig,
+    ExecutorConfig,
+    PathsConfig,
+    PipelineConfig,
+    TrackingConfig,
+)
+from pipelines.config.groups import (
+    ActorCriticImitationConfig,
+    C3POConfig,
+    ClosedLoopKRRTConfig,
+    CraftedHeuristicConfig,
+    DHRRTConfig,
+    DQNConfig,
+    GreedyConfig,
+    KinodynamicRRTConfig,
+    LearnedHeuristicConfig,
+    ObservationConfig,
+    PlannerConfig,
+    QImitationConfig,
+    RecedingHorizonConfig,
+    ValidationConfig,
+    VideoConfig,
+)
+from pipelines.config.stages import (
+    DemonstrationsConfig,
+    EvaluateConfig,
+    ExportDemosConfig,
+    GenerateDemosConfig,
+    PlayConfig,
+    PlayVideoConfig,
+    ReportConfig,
+    SweepsConfig,
+    TrainILConfig,
+    TrainRLConfig,
+    TuneCraftedConfig,
+    VerifyDemosConfig,
+    VideosConfig,
+)
+from pipelines.config.suites import (
+    suite_overrides,
+)
+
+__all__ = [
+    "ActionSpaceConfig",
+    "ActorCriticImitationConfig",
+    "C3POConfig",
+    "ClosedLoopKRRTConfig",
+    "CraftedHeuristicConfig",
+    "DHRRTConfig",
+    "DQNConfig",
+    "DemonstrationsConfig",
+    "EvaluateConfig",
+    "ExecutorConfig",
+    "ExportDemosConfig",
+    "GenerateDemosConfig",
+    "GreedyConfig",
+    "KinodynamicRRTConfig",
+    "LearnedHeuristicConfig",
+    "ObservationConfig",
+    "PathsConfig",
+    "PipelineConfig",
+    "PlannerConfig",
+    "PlayConfig",
+    "PlayVideoConfig",
+    "QImitationConfig",
+    "RecedingHorizonConfig",
+    "ReportConfig",
+    "SweepsConfig",
+    "TrackingConfig",
+    "TrainILConfig",
+    "TrainRLConfig",
+    "TuneCraftedConfig",
+    "ValidationConfig",
+    "VerifyDemosConfig",
+    "VideoConfig",
+    "VideosConfig",
+    "suite_overrides",
+]

@@ -1,0 +1,126 @@
+"""The videos of the report: planners are composed and checked before any work starts, then filmed in parallel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.config import EvaluateConfig, ReportConfig
+from pipelines.workflow.app import compose
+
+if TYPE_CHECKING:
+    from visualrhp.evaluation.report_videos import Attempt, SceneVideos
+
+_ACTIONS_PER_SECOND = 3
+
+
+@dataclass(frozen=True)
+class VideoTask:
+    """A planner on a task, to be run and filmed.
+
+    Attributes:
+        config: planner, action space, scene (with one number of objects), physics and networks.
+        scene_index: scene of the page, and index of the task instance.
+        fps: frames per second.
+        size_px: width.
+    """
+
+    config: EvaluateConfig = field(repr=False)
+    scene_index: int
+    fps: int
+    size_px: int
+
+
+def video_tasks(config: ReportConfig) -> list[VideoTask]:
+    """The tasks to film: every planner in every action space on every scene.
+
+    Raises:
+        ConfigError: a planner is unknown.
+        CheckpointError: a network for any number of objects is missing, or a network is damaged.
+    """
+    from pipelines.planners import build_planner, needed_network
+    from pipelines.points import fixes_num_objects
+
+    videos = config.videos
+    tasks = []
+    for scene_index, num_objects in scene_sizes(config).items():
+        for space in videos.action_spaces:
+            for planner in videos.planners:
+                overrides = [f"planner={planner}", f"action_space={space}", f"scene.num_objects={num_objects}"]
+                composed = compose("evaluate", EvaluateConfig, overrides)
+                point = replace(composed, seed=config.seed, heuristics=config.heuristics, paths=config.paths)
+                path = needed_network(point.planner, space, config.heuristics, num_objects)
+                if path is None or path.is_file() or not fixes_num_objects(point.planner):
+                    build_planner(point.planner, space, config.heuristics, num_objects)
+                tasks.append(VideoTask(point, scene_index, videos.fps, videos.size_px))
+    return tasks
+
+
+def scene_sizes(config: ReportConfig) -> dict[int, int]:
+    """Index of each scene of the page -> its number of objects."""
+    sizes = config.videos.num_objects
+    return {index: sizes[index % len(sizes)] for index in range(config.videos.num_scenes)}
+
+
+def film_task(task: VideoTask) -> Attempt:
+    """Run a planner on a task, and encode its video."""
+    from pipelines.planners import build_planner, needed_network
+    from visualrhp.evaluation.films import encode_film, film_episode
+    from visualrhp.evaluation.methods import Method
+    from visualrhp.evaluation.report_videos import Attempt
+    from visualrhp.execution.episode import run_task
+    from visualrhp.scene import sample_task_instance
+    from visualrhp.simulation import make_action_space
+    from visualrhp.simulation.rules import MAX_EPISODE_ACTIONS
+    from visualrhp.streams import Split
+
+    config, index = task.config, task.scene_index
+    space, method = config.action_space.name, Method.of(config.planner).label
+    num_objects = config.scene.num_objects[0]
+    network = needed_network(config.planner, space, config.heuristics, num_objects)
+    if network is not None and not network.is_file():
+        return Attempt(index, space, method, f"{method}: no network for {num_objects} objects", None)
+    result = run_task(
+        build_planner(config.planner, space, config.heuristics, num_objects),
+        sample_task_instance(config.scene, config.seed, Split.EVALUATION, index),
+        config.seed,
+        Split.EVALUATION,
+        index,
+        action_space=make_action_space(space),
+        physics=config.physics,
+    )
+    frames = film_episode(
+        result,
+        title=method,
+        max_steps=MAX_EPISODE_ACTIONS,
+        size_px=task.size_px,
+        frames_per_action=max(1, round(task.fps / _ACTIONS_PER_SECOND)),
+        hold=task.fps // 2,
+    )
+    description = f"{method}, {space} actions: {result.outcome}, {result.num_actions} actions"
+    return Attempt(index, space, method, description, encode_film(frames, task.fps))
+
+
+def film(config: ReportConfig, tasks: Sequence[VideoTask], folder: Path) -> list[SceneVideos]:
+    """Film all tasks in parallel; write the videos and side-by-side comparisons to ``folder``."""
+    from tqdm import tqdm
+
+    from pipelines.workflow.executor import run_tasks
+    from visualrhp.evaluation.films import write_comparison
+    from visualrhp.evaluation.report_videos import arrange_attempts
+    from visualrhp.files import atomic_path
+
+    results = run_tasks(film_task, tasks, config.executor)
+    attempts = list(tqdm(results, total=len(tasks), desc="videos", unit="video", disable=not tasks))
+    for attempt in attempts:
+        if attempt.film is not None:
+            with atomic_path(folder / f"{attempt.stem}.webm") as path:
+                path.write_bytes(attempt.film.data)
+    scenes = arrange_attempts(attempts, scene_sizes(config), config.videos.action_spaces, config.seed)
+    compared = scenes[0].rows[0].attempts if scenes and scenes[0].rows else ()
+    films = [attempt.film for attempt in compared if attempt.film is not None]
+    if films:
+        write_comparison(films, folder / "comparison.webm", config.videos.fps)
+    return scenes

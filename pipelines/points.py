@@ -1,0 +1,176 @@
+"""The settings of an evaluation: composed from the command line and a suite, and checked before any work starts."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from pipelines.config import EvaluateConfig, PlannerConfig, suite_overrides
+from pipelines.workflow.app import command_line_overrides, compose, override_keys
+
+if TYPE_CHECKING:
+    from visualrhp.evaluation.episodes import Setting
+
+_log = logging.getLogger(__name__)
+
+_SINGLE = "single"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One setting: a planner on the first ``config.num_episodes`` task instances of a distribution.
+
+    Attributes:
+        experiment: name of its block in the suite.
+        config: the complete configuration, without a suite.
+        episodes: indices of the task instances that can be run.
+        skipped: indices of those without a network for their number of objects (CartesianRHP, Sec. 7.5).
+    """
+
+    experiment: str
+    config: EvaluateConfig
+    episodes: tuple[int, ...] = ()
+    skipped: tuple[int, ...] = ()
+
+    @cached_property
+    def identity(self) -> str:
+        """A text that is equal for settings with equal results, regardless of the number of episodes."""
+        from pipelines.workflow.artefacts import content_hash, result_config
+
+        return content_hash(result_config(self.config) | {"num_episodes": None, "suite": None})[:16]
+
+    @property
+    def setting(self) -> Setting:
+        """The columns of the setting in the table of episodes."""
+        from visualrhp.evaluation.episodes import Setting
+
+        config = self.config
+        return Setting.of(
+            self.experiment, config.planner, config.action_space.name, config.scene, config.noise_level, config.seed
+        )
+
+    @property
+    def card(self) -> dict[str, Any]:
+        """The entry of the setting on the card of the evaluation."""
+        return asdict(self.setting) | {
+            "num_episodes": len(self.episodes),
+            "num_skipped": len(self.skipped),
+            "planner_config": asdict(self.config.planner),
+            "scene": asdict(self.config.scene),
+            "physics": asdict(self.config.physics),
+        }
+
+
+def compose_points(config: EvaluateConfig) -> list[Point]:
+    """Compose the settings to evaluate: that of ``config``, or those of its suite.
+
+    The settings of a suite are composed from the overrides of the command line and their own, which take precedence.
+    Settings that differ only in the number of episodes are merged into one with the larger number, so that no episode
+    counts twice.
+
+    Raises:
+        ConfigError: a setting of the suite is invalid.
+    """
+    if config.suite is None:
+        return [Point(_SINGLE, config)]
+    given = [override for override in command_line_overrides() if override_keys([override]) - {"suite"}]
+    points: dict[str, Point] = {}
+    for experiment, block in config.suite.items():
+        for overrides in suite_overrides({experiment: block}):
+            keys = override_keys(overrides)
+            kept = [override for override in given if not override_keys([override]) & keys]
+            composed = compose("evaluate", EvaluateConfig, [*kept, *overrides])
+            touched = {key.partition(".")[0] for key in keys} | {"suite"}
+            untouched = {item.name: getattr(config, item.name) for item in fields(config) if item.name not in touched}
+            point = Point(experiment, replace(composed, **untouched, suite=None))
+            known = points.get(point.identity)
+            if known is None:
+                points[point.identity] = point
+            elif point.config.num_episodes > known.config.num_episodes:
+                points[point.identity] = replace(known, config=point.config)
+    return list(points.values())
+
+
+def prepare(points: Sequence[Point]) -> list[Point]:
+    """Determine the episodes that can be run, after building each planner once as a check.
+
+    Raises:
+        CheckpointError: a network is missing or damaged, or has another action space or observation. A missing network
+            for one number of objects (CartesianRHP) is an error only if no other setting remains; otherwise such
+            episodes are skipped.
+        ConfigError: a parameter is out of range.
+        DataError: no episode can be run.
+    """
+    from visualrhp.errors import DataError
+
+    prepared = [_prepare(point, is_only=len(points) == 1) for point in points]
+    if not any(point.episodes for point in prepared):
+        raise DataError(
+            "nothing can be evaluated: no setting has an episode with a network for its number of objects; train one "
+            "with python -m pipelines.train_il observation=cartesian, or change the suite"
+        )
+    return prepared
+
+
+def _prepare(point: Point, is_only: bool) -> Point:
+    from pipelines.planners import build_planner, needed_network
+    from visualrhp.scene import sample_task_instance
+    from visualrhp.streams import Split
+
+    config = point.config
+    planner, space, heuristics = config.planner, config.action_space.name, config.heuristics
+    low, high = config.scene.num_objects
+    networks = {m: needed_network(planner, space, heuristics, m) for m in range(low, high + 1)}
+    missing = [m for m, path in networks.items() if path is not None and not path.is_file()]
+    if len(missing) == len(networks) and (is_only or not fixes_num_objects(planner)):
+        build_planner(planner, space, heuristics, low)  # its error names the missing file
+    for m in networks:
+        if m not in missing:
+            build_planner(planner, space, heuristics, m)
+    indices = range(config.num_episodes)
+    skipped: set[int] = set()
+    if missing:
+        skipped = {
+            index
+            for index in indices
+            if len(missing) == len(networks)
+            or sample_task_instance(config.scene, config.seed, Split.EVALUATION, index).scene.num_objects in missing
+        }
+        _log.warning(
+            "%s (%s) has no network for %s objects: %d of %d episodes are skipped.",
+            planner.name,
+            space,
+            ", ".join(str(m) for m in missing),
+            len(skipped),
+            config.num_episodes,
+        )
+    kept = tuple(index for index in indices if index not in skipped)
+    return replace(point, episodes=kept, skipped=tuple(sorted(skipped)))
+
+
+def network_hashes(points: Sequence[Point]) -> dict[str, str]:
+    """SHA-256 of every network that the points use, by its path within the folder of heuristics."""
+    from pipelines.planners import needed_network
+
+    hashes = {}
+    for point in points:
+        config = point.config
+        low, high = config.scene.num_objects
+        for m in range(low, high + 1):
+            path = needed_network(config.planner, config.action_space.name, config.heuristics, m)
+            if path is not None and path.is_file():
+                name = path.relative_to(config.heuristics).as_posix()
+                hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return dict(sorted(hashes.items()))
+
+
+def fixes_num_objects(planner: PlannerConfig) -> bool:
+    """Whether a planner needs a network for each number of objects (CartesianRHP, Sec. 7.5)."""
+    from visualrhp.observation import observation_class
+
+    observation = getattr(getattr(planner, "heuristic", None), "observation", None)
+    return observation is not None and observation_class(observation).fixes_num_objects

@@ -1,0 +1,233 @@
+"""The main function of every pipeline: Hydra, a validated configuration, errors in one paragraph, exit codes.
+
+======= =============================================================
+code    meaning
+======= =============================================================
+0       done
+1       a bug: a traceback is printed
+2       an error in the configuration or in a file: one paragraph
+130     Ctrl-C
+143     stopped by SIGTERM
+======= =============================================================
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+from typing import Any, TypeVar
+
+import hydra
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from pipelines.config import PipelineConfig
+from visualrhp.parameters import suggestion, validated
+
+CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "conf"
+_VERSION_BASE = "1.3"
+_DEBUG = "HYDRA_FULL_ERROR"
+
+Config = TypeVar("Config", bound=PipelineConfig)
+
+
+def app(config_name: str, schema: type[Config]) -> Callable[[Callable[[Config], None]], Callable[[], None]]:
+    """Make ``task(config)`` the main function of a pipeline whose primary file is ``conf/<config_name>.yaml``.
+
+    The typed configuration is complete and validated before the task starts. In a sweep (``-m``), every job writes its
+    artefact to a separate folder: ``paths.sweep``, or ``<outputs>/sweeps/<pipeline>/<overrides>``.
+    """
+
+    def decorate(task: Callable[[Config], None]) -> Callable[[], None]:
+        @functools.wraps(task)
+        def main() -> None:
+            sys.exit(_main(config_name, schema, task))
+
+        return main
+
+    return decorate
+
+
+def compose(config_name: str, schema: type[Config], overrides: Sequence[str] = ()) -> Config:
+    """Compose and validate the configuration of a pipeline outside its app, or of another pipeline within an app.
+
+    Raises:
+        ConfigError: an override is invalid.
+    """
+    # Within an app, Hydra is already initialized with the same search path.
+    if GlobalHydra.instance().is_initialized():
+        return _composed(config_name, schema, overrides)
+    with hydra.initialize_config_dir(version_base=_VERSION_BASE, config_dir=str(CONFIG_FOLDER)):
+        return _composed(config_name, schema, overrides)
+
+
+def command_line_overrides() -> list[str]:
+    """The overrides with which the running pipeline was started; empty outside an app."""
+    return list(HydraConfig.get().overrides.task) if HydraConfig.initialized() else []
+
+
+def override_keys(overrides: Sequence[str]) -> set[str]:
+    """The keys set by ``overrides``: ``["+a.b=1", "c@d=2"]`` -> ``{"a.b", "c"}``."""
+    return {re.sub(r"^[+~]*", "", override.split("=", 1)[0]).split("@", 1)[0] for override in overrides}
+
+
+def to_typed(config: DictConfig, schema: type[Config]) -> Config:
+    """Resolve and validate a composed configuration.
+
+    Raises:
+        ConfigError: a key is unknown or missing, or a value has the wrong type or is out of range.
+    """
+    return validated(schema, OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
+
+
+def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) -> Config:
+    try:
+        return to_typed(hydra.compose(config_name, list(overrides)), schema)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise _config_error(error) from error
+
+
+def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]) -> int:
+    debug = os.environ.get(_DEBUG, "0") not in ("", "0")
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    failures: list[Exception] = []
+
+    def run(config: DictConfig) -> None:
+        """Hydra's task function; stores the failure of a single run rather than raising it to Hydra."""
+        is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
+        try:
+            typed = to_typed(config, schema)
+            task(_in_sweep_folder(typed) if is_sweep else typed)
+        except Exception as error:
+            mistake = _mistake(error)
+            if mistake is None or debug:
+                raise
+            if is_sweep:
+                raise mistake from error
+            failures.append(mistake)
+
+    try:
+        with _hydra_for_one_run():
+            hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
+    except KeyboardInterrupt as interrupt:
+        message, code = ("Stopped by SIGTERM", 143) if isinstance(interrupt, _Terminated) else ("Interrupted", 130)
+        print(f"{message}; rerun the command to resume.", file=sys.stderr)
+        return code
+    except Exception as error:
+        mistake = _mistake(error)
+        if mistake is None or debug:
+            raise
+        failures.append(mistake)
+    for failure in failures:
+        print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
+    return 2 if failures else 0
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM, which cleans up like Ctrl-C."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
+@contextmanager
+def _hydra_for_one_run() -> Iterator[None]:
+    """Let Hydra raise exceptions instead of printing them, let SIGTERM clean up, and restore both afterwards."""
+    before = os.environ.get(_DEBUG)
+    os.environ[_DEBUG] = "1"
+    handler = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+        os.environ.pop(_DEBUG)
+        if before is not None:
+            os.environ[_DEBUG] = before
+        # Hydra does not reset them, and a later run in this process would reuse them.
+        GlobalHydra.instance().clear()
+        HydraConfig.instance().cfg = None
+
+
+def _mistake(error: Exception) -> Exception | None:
+    """The error to report at the command line; None if ``error`` is a bug."""
+    from visualrhp.errors import VisualRHPError  # imported lazily, since `--help` does not need the library
+
+    if isinstance(error, VisualRHPError):
+        return error
+    return _config_error(error) if isinstance(error, HydraException | OmegaConfBaseException) else None
+
+
+def _in_sweep_folder(config: Config) -> Config:
+    """Give every job of a sweep a separate artefact, named by its overrides, so that rerunning the sweep resumes it."""
+    artefact = config.paths.sweep
+    if artefact is None:
+        job = HydraConfig.get().job
+        name = re.sub(r"[^\w.,=+\[\]-]", "_", job.override_dirname) or str(job.num)
+        artefact = str(Path(config.paths.outputs) / "sweeps" / job.name / name)
+    return replace(config, paths=replace(config.paths, artefact=artefact))
+
+
+# -------------------------------------------------------------------------------------- Hydra's errors, in one sentence
+def _config_error(error: Exception) -> Any:
+    """The ConfigError that explains ``error`` at the command line."""
+    from visualrhp.errors import ConfigError
+
+    cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
+    text = str(error)
+    if isinstance(cause, MissingMandatoryValue):
+        return ConfigError(f"The key {cause.full_key} has no value (???); set it.")
+    if match := re.search(r"Could not find '(?P<group>[^']*)/(?P<option>[^']*)'", text):
+        # Hydra's list ends at an empty line.
+        options = re.search(r"Available options in '[^']*':\n(.*?)(\n\n|\nConfig search path|\Z)", text, re.DOTALL)
+        names = options.group(1).split() if options else []
+        return ConfigError(
+            f"{match['group']}={match['option']} is not known. {suggestion(match['option'], names)} "
+            f"(conf/{match['group']}/ holds {', '.join(sorted(names)) or 'nothing'}.)"
+        )
+    if match := re.search(r"Could not override '(?P<key>[^']*)'", text):
+        return ConfigError(_unknown_key(match["key"], cause))
+    if match := re.search(r"Error parsing override '(?P<override>[^']*)'", text):
+        return ConfigError(
+            f"The argument {match['override']} cannot be read: arguments are key=value, values with special characters "
+            """are quoted, such as 'title="a, b"'."""
+        )
+    if match := re.search(
+        r"Multiple values for (?P<key>\S+)\. To override a value use 'override [^:]*: (?P<value>.*)'", text
+    ):
+        return ConfigError(
+            f"{match['key']} already has a value: write {match['key']}={match['value']}, without a plus sign."
+        )
+    if match := re.search(r"Ambiguous value for argument '(?P<override>[^']*)'", text):
+        return ConfigError(
+            f"{match['override']} lists several values, which is a sweep: add -m to run all of them, or write a list "
+            "as key=[a,b]."
+        )
+    return ConfigError(" ".join(re.sub(r"\s*(full_key|object_type|reference_type)[=:].*", "", text).split()))
+
+
+def _unknown_key(key: str, cause: BaseException) -> str:
+    parent = getattr(cause, "parent_node", None)
+    last = str(getattr(cause, "key", None) or key.rpartition(".")[2])
+    groups = sorted(entry.name for entry in CONFIG_FOLDER.iterdir() if entry.is_dir())
+    if isinstance(parent, DictConfig):
+        where = str(getattr(cause, "full_key", "") or key)
+        return f"There is no key {where}. {suggestion(last, [str(name) for name in parent])}"
+    if key in groups:
+        return (
+            f"This pipeline has no group {key}. If an experiment sets it, that experiment is for another "
+            "pipeline, named in the first lines of its file."
+        )
+    return f"There is no key or group {key} here. {suggestion(key, groups)}"

@@ -1,0 +1,133 @@
+"""Folders of unfinished work, and publication of finished artefacts.
+
+A stage works in a folder named by a hash of everything that its result depends on, and moves the finished artefact into
+place in one step. A killed stage therefore resumes when it is rerun with the same configuration, other configurations
+do not use its unfinished work, and DVC, which deletes the outputs of a stage before it runs it, does not delete
+checkpoints.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from pipelines.config import PipelineConfig
+
+# Keys that do not affect the result. The scale only provides values of other keys.
+_NOT_PART_OF_THE_RESULT = ("scale", "paths", "executor", "tracking")
+
+
+def anchored_outputs(config: PipelineConfig) -> Path:
+    """Absolute path of the outputs of the original repository, also when DVC runs an experiment in a copy of it.
+
+    It holds unfinished work and the tracking database, since the copy is deleted when its experiment ends.
+    """
+    return (Path(os.environ.get("DVC_ROOT") or Path.cwd()) / config.paths.outputs).resolve()
+
+
+def result_config(config: PipelineConfig) -> dict[str, Any]:
+    """The part of the configuration that affects the result, as nested dicts."""
+    return {key: value for key, value in asdict(config).items() if key not in _NOT_PART_OF_THE_RESULT}
+
+
+def content_hash(content: Any) -> str:
+    """SHA-256 of ``content``, which consists of dicts, lists and scalars."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def work_folder(config: PipelineConfig, stage: str, inputs: Mapping[str, str] | None = None) -> Path:
+    """The folder, created if missing, for the unfinished work of ``stage`` with this configuration.
+
+    Args:
+        config: the stage's configuration.
+        stage: its name.
+        inputs: hashes of the artefacts that the stage reads (from their cards), so that work on other data is not
+            resumed.
+    """
+    # The content of inputs counts, not their location, nor that of the artefact.
+    key = content_hash({"config": _without_locations(config), "inputs": dict(inputs or {})})
+    folder = anchored_outputs(config) / "work" / stage / key[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def publish(folder: Path, destination: str | os.PathLike[str]) -> None:
+    """Move the finished ``folder`` to ``destination`` in one step, replacing its previous content."""
+    target = Path(destination).absolute()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # In the same folder as the target, so that the last step is a rename within one file system.
+    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as aside:
+        arrived = Path(aside) / "new"
+        shutil.move(folder, arrived)
+        if target.exists():
+            target.rename(Path(aside) / "old")
+        arrived.rename(target)
+
+
+def discard(folder: Path) -> None:
+    """Delete a work folder whose artefact was published."""
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def card(config: PipelineConfig, stage: str, **content: Any) -> dict[str, Any]:
+    """The content of the JSON card of an artefact: configuration, commit, versions and ``content``.
+
+    It has no time, host or path outside the repository, so that the same configuration gives the same bytes.
+    """
+    return {
+        "stage": stage,
+        "seed": config.seed,
+        "scale": config.scale["name"],
+        "config": _without_locations(config),
+        "commit": git_commit(),
+        "versions": {name: _version(name) for name in ("visualrhp", "torch", "numpy", "pymunk")},
+        **content,
+    }
+
+
+@lru_cache(maxsize=1)
+def git_commit() -> str | None:
+    """Commit of the checkout, with ``-dirty`` if tracked files were changed; None outside a repository."""
+    try:
+        commit = _git("rev-parse", "HEAD")
+        return f"{commit}-dirty" if _git("status", "--porcelain", "--untracked-files=no") else commit
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def dvc_stage() -> str | None:
+    """Name of the DVC stage that runs this process; None if there is none."""
+    return os.environ.get("DVC_STAGE")
+
+
+def _without_locations(config: PipelineConfig) -> dict[str, Any]:
+    content = result_config(config)
+    outputs = config.paths.outputs
+    return {
+        key: value
+        for key, value in content.items()
+        if not (isinstance(value, str) and (value == outputs or value.startswith(f"{outputs}/")))
+    }
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", *arguments]
+    folder = Path(__file__).parent
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=20).stdout.strip()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,98 @@
+"""Films of episodes: what is shown, and that they can be played."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.evaluation.samples import sample_result, sample_scene
+from visualrhp.errors import DataError
+from visualrhp.evaluation.films import (
+    chosen_rollout,
+    encode_film,
+    film_episode,
+    imagined_paths,
+    write_comparison,
+)
+from visualrhp.execution.episode import EpisodeResult, TimedDecision
+from visualrhp.planning.planner import Decision, Rollout
+from visualrhp.rendering.pictures import encode_picture
+from visualrhp.rendering.video import read_video
+from visualrhp.scene import ObjectShape, Scene
+
+RESULT = sample_result(num_objects=2, num_actions=3)
+
+
+def rollout(total_return: float) -> Rollout:
+    return Rollout((0,), RESULT.episode.states[:2], (-1.0,), total_return, total_return)
+
+
+def imagining(result: EpisodeResult) -> EpisodeResult:
+    """The same episode with two roll-outs in every decision."""
+    decisions = tuple(
+        TimedDecision(state, Decision(0, (rollout(-2.0), rollout(-1.0))), 0.1) for state in result.episode.states[:-1]
+    )
+    return EpisodeResult(result.scene, result.episode, decisions, 0.0)
+
+
+def test_an_episode_is_filmed_from_its_start_to_its_end() -> None:
+    frames = list(film_episode(RESULT, size_px=64, frames_per_action=4, hold=5))
+    assert len(frames) == 1 + 3 * 4 + 5
+    assert all(frame.shape == (64, 64, 3) for frame in frames)
+    for frame in frames[-5:]:
+        np.testing.assert_array_equal(frame, frames[-6])
+
+
+def test_what_the_planner_imagined_is_shown_before_each_action() -> None:
+    plain = list(film_episode(imagining(RESULT), size_px=64, frames_per_action=1, hold=0))
+    shown = list(film_episode(imagining(RESULT), size_px=64, frames_per_action=1, hold=0, imagined_frames=2))
+    assert len(shown) == len(plain) + 3 * 2
+    assert shown[0].shape[0] > plain[0].shape[0], "a bar for the legend"
+
+
+def test_the_world_is_drawn_as_it_is() -> None:
+    small = ObjectShape.centred([[0.0, 0.0], [0.02, 0.0], [0.02, 0.02], [0.0, 0.02]])
+    true = Scene(RESULT.scene.target, (small, *RESULT.scene.objects[1:]))
+    (nominal, *_), (actual, *_) = (
+        list(film_episode(RESULT, scene, size_px=64, hold=0)) for scene in (sample_scene(2), true)
+    )
+    assert (nominal != actual).any()
+
+
+def test_the_first_roll_out_of_the_highest_return_is_the_chosen_one() -> None:
+    decision = Decision(0, tuple(rollout(value) for value in (-math.inf, -3.0, -1.0, -1.0)))
+    assert chosen_rollout(decision) == 2
+    assert [path.is_chosen for path in imagined_paths(decision)] == [False, False, True, False]
+    assert [path.value for path in imagined_paths(decision)] == [-math.inf, -3.0, -1.0, -1.0]
+    assert chosen_rollout(Decision(0)) is None
+    assert chosen_rollout(Decision(0, (rollout(-math.inf),))) is None
+
+
+def test_films_can_be_played_and_posters_seen(tmp_path: Path) -> None:
+    frames = list(film_episode(RESULT, title="Greedy", size_px=64, frames_per_action=2, hold=2))
+    film = encode_film(frames, 12.0)
+    assert (film.height, film.width) == frames[0].shape[:2]
+    path = tmp_path / "film.webm"
+    path.write_bytes(film.data)
+    assert len(read_video(path)) == len(frames)
+    poster = np.asarray(cv2.imdecode(np.frombuffer(film.poster, dtype=np.uint8), cv2.IMREAD_COLOR))
+    assert np.abs(poster[:, :, ::-1].astype(int) - frames[-1]).mean() < 5.0
+    assert film.poster == encode_picture(frames[-1], ".webp")
+    with pytest.raises(DataError, match="at least one frame"):
+        encode_film([], 12.0)
+
+
+def test_films_are_compared_side_by_side(tmp_path: Path) -> None:
+    films = [
+        encode_film(film_episode(sample_result(num_actions=n), size_px=128, frames_per_action=1, hold=0), 12.0)
+        for n in (2, 5, 3)
+    ]
+    path = tmp_path / "comparison.webm"
+    write_comparison(films, path, 12.0, columns=2, cell_px=64)
+    frames = read_video(path)
+    assert len(frames) == 6, "as long as the longest"
+    assert frames[0].shape == (2 * 64 + 8, 2 * 64 + 8, 3)

@@ -1,0 +1,109 @@
+"""Summaries: which rows count, tables, metrics by method, numbers in words."""
+
+import math
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+from tests.evaluation.samples import ablation_table, sample_table
+from visualrhp.evaluation.metrics import wilson_interval
+from visualrhp.evaluation.summaries import (
+    duration,
+    main_rows,
+    method_summaries,
+    metrics_by_method,
+    percent,
+    random_num_objects,
+    summary_lines,
+    summary_tables,
+)
+
+
+@pytest.fixture(scope="module")
+def episodes():
+    return ablation_table()
+
+
+def test_the_headline_is_about_mixed_sizes_without_noise_and_random_numbers_of_objects(episodes):
+    main = main_rows(episodes)
+    columns = ["object_size", "noise_level", "scene_num_objects"]
+    assert main[columns].drop_duplicates().to_numpy().tolist() == [["mixed", "none", "1-7"]]
+    assert len(main) == 80
+    fixed = episodes.loc[episodes["scene_num_objects"] == "4"]
+    assert len(main_rows(fixed)) == 80
+    pd.testing.assert_frame_equal(random_num_objects(fixed), fixed)
+    noisy = episodes.loc[episodes["noise_level"] == "high"]
+    assert set(main_rows(noisy)["noise_level"]) == {"high"}, "nothing else is there"
+
+
+def test_tables_have_a_row_per_line_and_key(episodes):
+    tables = summary_tables(episodes)
+    assert {name: len(table) for name, table in tables.items()} == {
+        "summary": 8,  # 4 methods, 2 action spaces
+        "by_num_objects": 8 * 7,
+        "by_size": 8 * 3 * 3,
+        "by_noise": 8 * 7 + 4 * 7,
+    }
+    assert list(tables["by_num_objects"].columns[:3]) == ["label", "num_objects", "episodes"]
+    assert set(tables["summary"]["label"]) >= {"VisualRHP 3x3, continuous", "mine 2x5, discrete"}
+
+
+def test_metrics_by_method_leave_out_what_has_no_value():
+    episodes = sample_table({"planner": "Greedy", "success": number < 2} for number in range(5))
+    metrics = metrics_by_method(episodes)["continuous"]["Greedy"]
+    assert metrics["success_rate"] == 0.4 and metrics["episodes"] == 5
+    assert metrics["success_rate_low"] == pytest.approx(wilson_interval(2, 5).low, abs=1e-6)
+    none = metrics_by_method(episodes.loc[~episodes["success"]])["continuous"]["Greedy"]
+    assert none["success_rate"] == 0.0 and "action_efficiency" not in none
+
+
+def test_every_method_is_summarized_in_the_order_of_legends(episodes):
+    summaries = list(method_summaries(episodes))
+    assert [(summary.action_space, summary.method) for summary in summaries] == [
+        (space, method)
+        for space in ("continuous", "discrete")
+        for method in ("VisualRHP 6x6", "VisualRHP 3x3", "Greedy", "mine 2x5")
+    ]
+    first = summaries[0]
+    rows = episodes.loc[(episodes["horizon"] == 6) & (episodes["action_space"] == "continuous")]
+    assert first.num_episodes == len(rows)
+    assert first.success_rate == first.metrics["success_rate"] == main_rows(rows)["success"].mean()
+    assert sorted(first.by_num_objects) == [1, 2, 3, 4, 5, 6, 7]
+    assert all(not math.isnan(value) for value in first.by_num_objects[4].values())
+
+
+def test_a_method_without_headline_episodes_has_no_headline_rate(episodes):
+    small = (episodes["planner"] == "mine") & (episodes["object_size"] != "small")
+    own = next(s for s in method_summaries(episodes.loc[~small]) if s.method == "mine 2x5")
+    assert own.success_rate is None and not own.by_num_objects
+    assert own.metrics["success_rate"] >= 0.0
+
+
+def test_lines_of_text(episodes):
+    first, *lines = summary_lines(episodes, 12).splitlines()
+    assert first.startswith(f"{len(episodes)} episodes in 12 settings.")
+    assert len(lines) == 8 and all("(10 episodes)" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(math.nan, "–"), (0.0123, "12.3 ms"), (1.5, "1.5 s"), (119.0, "119 s"), (600.0, "10 min"), (9000.0, "2.5 h")],
+)
+def test_durations(seconds, words):
+    assert duration(seconds) == words
+
+
+def test_rates():
+    assert (percent(0.125), percent(0.125, 1), percent(math.nan)) == ("12%", "12.5%", "–")
+
+
+def test_numbers_are_computed_without_code_for_figures_and_pages():
+    modules = ("episodes", "journal", "methods", "metrics", "summaries", "weight_search", "weight_search_tables")
+    code = (
+        f"import sys; from visualrhp.evaluation import {', '.join(modules)}; "
+        "print([name for name in ('matplotlib', 'jinja2', 'cv2', 'torch', 'optuna') if name in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

@@ -1,0 +1,235 @@
+"""The command line: what mistakes lead to, and how fast it answers."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
+from pipelines.workflow.app import app, command_line_overrides, compose, override_keys
+from visualrhp.errors import ConfigError, DataError
+
+STAGES = ("generate_demos", "train_il", "train_rl", "evaluate", "report")
+PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos")
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a pipeline's main function in an empty folder; returns its exit code and what it wrote to stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+
+    def call(main: str | Callable[[], None], *arguments: str) -> tuple[int, str]:
+        function = importlib.import_module(f"pipelines.{main}").main if isinstance(main, str) else main
+        monkeypatch.setattr(sys, "argv", ["pipeline", *arguments[:1], "tracking=none", *arguments[1:]])
+        monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+        with pytest.raises(SystemExit) as ended:
+            function()
+        code = ended.value.code
+        assert isinstance(code, int)
+        return code, capsys.readouterr().err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "arguments", "words"),
+    [
+        ("train_il", ["learner.ephocs=3"], "There is no key learner.ephocs. Did you mean epochs?"),
+        ("train_il", ["+learner.ephocs=3"], "There is no key learner.ephocs. Did you mean epochs?"),
+        ("train_il", ["sede=3"], "There is no key sede. Did you mean seed?"),
+        ("evaluate", ["planer=greedy"], "There is no key planer. Did you mean planner?"),
+        ("evaluate", ["planner=gredy"], "planner=gredy is not known. Did you mean greedy?"),
+        (
+            "evaluate",
+            ["+experiment=fig10"],
+            "experiment already has a value: write experiment=fig10, without a plus sign.",
+        ),
+        ("evaluate", ["suite=nothing"], "suite=nothing is not known."),
+        ("evaluate", ["scale=huge"], "scale=huge is not known. Choose from paper, quick, smoke."),
+        ("train_rl", ["experiment=fig7"], "This pipeline has no group suite."),
+        ("evaluate", ["scene.density=-1"], "scene.density=-1 is out of range: it should be a number, above 0."),
+        (
+            "evaluate",
+            ["planner.horizon=0"],
+            "planner.horizon=0 is out of range: it should be an integer, at least 1.",
+        ),
+        ("evaluate", ["scene.num_objects=0"], "scene.num_objects=0 is out of range"),
+        ("evaluate", ["noise_level=hihg"], "noise_level=hihg is not known: it should be none, low, medium or high."),
+        ("evaluate", ["num_episodes=many"], "num_episodes=many has the wrong type: it should be an integer"),
+        ("train_rl", ["learner.lr=fast"], "learner.lr=fast has the wrong type: it should be a number, above 0."),
+        ("train_rl", ["learner=dqn"], "learner.algorithm=dqn learns in the discrete action space"),
+        ("train_rl", ["device=tpu"], "device=tpu is not known: it should be cpu, cuda"),
+        ("report", ["seed=-1"], "seed=-1 is out of range: it should be an integer, at least 0."),
+        ("report", ["seed=1,2"], "seed=1,2 lists several values, which is a sweep: add -m"),
+        ("report", ["title=(a"], "The argument title=(a cannot be read"),
+        ("report", ["executor=dask"], "executor.address is missing"),
+        ("report", ["paths.artefact=???"], "paths.artefact"),
+        (
+            "train_il",
+            ["observation=cartesian", "observation.num_objects=[]"],
+            "observation.num_objects is empty",
+        ),
+        ("generate_demos", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
+        ("train_il", ["scale=smoke"], "outputs/generate_demos/continuous"),
+        ("train_rl", ["scale=smoke"], "outputs/train_il/continuous/image/heuristic.safetensors"),
+        ("evaluate", ["scale=smoke"], "outputs/train_rl/continuous/image/heuristic.safetensors"),
+        ("report", ["scale=smoke"], "outputs/evaluate"),
+        ("play", ["live=maybe"], "live=maybe is not known: it should be auto, true or false."),
+        ("play", ["video.size_px=20"], "video.size_px=20 is out of range: it should be an integer, at least 64"),
+        (
+            "play",
+            ["video.label_image=insert"],
+            "insert is not known: it should be none, panel or inset",
+        ),
+        ("play", ["index=-1"], "index=-1 is out of range"),
+        ("play", ["planner.num_rollouts=0"], "planner.num_rollouts=0 is out of range"),
+        ("play", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
+        ("play", [], "outputs/train_rl/continuous/image/heuristic.safetensors, which does not exist. Make it with"),
+        ("play", ["planner=cartesian_rhp", "scene.num_objects=3"], "heuristic_m3.safetensors, which does not exist"),
+        ("tune_crafted", ["planner=greedy"], "has no handcrafted heuristic, whose weights are searched"),
+        ("tune_crafted", ["action_space=discrete"], "action_space has no effect here"),
+        ("tune_crafted", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
+    ],
+)
+def test_a_mistake_is_one_paragraph_and_no_work(
+    run: Run, tmp_path: Path, pipeline: str, arguments: list[str], words: str
+) -> None:
+    code, message = run(pipeline, *arguments)
+    assert words in message
+    assert code == 2
+    assert message.startswith("Error: ")
+    assert message.count("\n") == 1, "one paragraph"
+    made = {path.name for path in tmp_path.glob("outputs/*")}
+    assert made <= {"hydra", "work"}
+
+
+def test_an_error_of_the_task_is_one_paragraph(run: Run) -> None:
+    @app("report", ReportConfig)
+    def main(config: ReportConfig) -> None:
+        raise DataError(f"{config.evaluation} is\n  damaged")
+
+    assert run(main) == (2, "Error: outputs/evaluate is damaged\n")
+
+
+def test_ctrl_c_is_130(run: Run) -> None:
+    @app("report", ReportConfig)
+    def main(config: ReportConfig) -> None:
+        raise KeyboardInterrupt
+
+    code, message = run(main)
+    assert code == 130
+    assert "rerun the command to resume" in message
+
+
+def test_sigterm_is_143(run: Run) -> None:
+    @app("report", ReportConfig)
+    def main(config: ReportConfig) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)
+
+    code, message = run(main)
+    assert code == 143
+    assert "rerun the command to resume" in message
+
+
+def test_a_defect_keeps_its_traceback(run: Run) -> None:
+    @app("report", ReportConfig)
+    def main(config: ReportConfig) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run(main)
+
+
+def test_a_sweep_runs_every_job_in_a_folder_of_its_own(run: Run) -> None:
+    seen: list[tuple[float, str, list[str]]] = []
+
+    @app("train_rl", TrainRLConfig)
+    def main(config: TrainRLConfig) -> None:
+        seen.append((config.learner.lr, config.paths.artefact, command_line_overrides()))
+
+    code, _ = run(main, "-m", "learner.lr=0.1,0.2", "seed=4")
+    assert code == 0
+    assert [lr for lr, *_ in seen] == [0.1, 0.2]
+    folders = [folder for _, folder, _ in seen]
+    assert folders == [f"outputs/sweeps/train_rl/learner.lr={lr},seed=4" for lr in (0.1, 0.2)]
+    assert seen[0][2] == ["tracking=none", "learner.lr=0.1", "seed=4"]
+    assert command_line_overrides() == []
+
+
+def test_a_mistake_in_a_sweep_is_an_error(run: Run) -> None:
+    @app("train_rl", TrainRLConfig)
+    def main(config: TrainRLConfig) -> None:
+        pass
+
+    code, message = run(main, "-m", "learner.lr=0.1,-1")
+    assert code == 2
+    assert message.endswith("Error: learner.lr=-1 is out of range: it should be a number, above 0.\n")
+
+
+def test_the_folder_of_an_experiment_is_used_in_its_sweep(run: Run) -> None:
+    folders: list[str] = []
+
+    @app("train_rl", TrainRLConfig)
+    def main(config: TrainRLConfig) -> None:
+        folders.append(config.paths.artefact)
+
+    assert run(main, "experiment=fig6", "hydra.sweeper.params.seed='0,1'")[0] == 0
+    expected = [f"outputs/fig6/baseline_step_{step}/seed_{seed}" for step in (True, False) for seed in (0, 1)]
+    assert folders == expected
+
+
+def test_compose_raises_what_is_wrong() -> None:
+    with pytest.raises(ConfigError, match=r"There is no key scene.densty. Did you mean density\?"):
+        compose("evaluate", EvaluateConfig, ["scene.densty=2"])
+
+
+def test_override_keys() -> None:
+    assert override_keys(["a.b=1", "+c=d=e", "~f", "++g=1", "h@i=j"]) == {"a.b", "c", "f", "g", "h"}
+
+
+@pytest.mark.parametrize("pipeline", PIPELINES)
+@pytest.mark.parametrize("question", [["--help"], ["--cfg", "job"]], ids=["help", "cfg"])
+def test_questions_are_answered_without_heavy_imports(pipeline: str, question: list[str], tmp_path: Path) -> None:
+    """How long it takes is for the benchmarks; that nothing slow is imported can be told exactly."""
+    code = (
+        "import runpy, sys, atexit; sys.argv = sys.argv[1:];"
+        "atexit.register(lambda: print('IMPORTED', *sys.modules));"
+        "runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
+    )
+    repository = Path(__file__).resolve().parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", code, f"pipelines.{pipeline}", *question],
+        cwd=repository,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    answer, _, imported = done.stdout.partition("IMPORTED")
+    assert "action_space:" in answer
+    heavy = {
+        "torch",
+        "torchrl",
+        "optuna",
+        "mlflow",
+        "pandas",
+        "scipy",
+        "matplotlib",
+        "cv2",
+        "dvc",
+        "pymunk",
+        "pyarrow",
+        "shapely",
+    }
+    assert not heavy & set(imported.split())

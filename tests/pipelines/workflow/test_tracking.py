@@ -1,0 +1,140 @@
+"""Runs in a real MLflow database."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines.config import TrainILConfig
+from pipelines.workflow.app import compose
+from pipelines.workflow.tracking import flatten, open_run
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """One database for all tests: to make one takes seconds."""
+    level = logging.getLogger("alembic").level
+    yield tmp_path_factory.mktemp("outputs")
+    logging.getLogger("alembic").setLevel(level)
+
+
+@pytest.fixture
+def configure(outputs: Path) -> Callable[..., TrainILConfig]:
+    def make(*overrides: str) -> TrainILConfig:
+        own = [f"paths.outputs={outputs}", "tracking.system_metrics=false"]
+        return compose("train_il", TrainILConfig, [*own, *overrides])
+
+    return make
+
+
+@pytest.fixture
+def client(outputs: Path) -> Any:
+    from mlflow import MlflowClient
+
+    return MlflowClient(f"sqlite:///{outputs / 'mlflow.db'}")
+
+
+def test_what_a_run_records(configure: Callable[..., TrainILConfig], client: Any, tmp_path: Path) -> None:
+    (tmp_path / "figure.svg").write_text("<svg/>")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "a.txt").write_text("a")
+    with open_run(configure("seed=3", "learner.lr=0.25"), "train_il", "imitation continuous image") as run:
+        assert run.id is not None
+        run.log_metrics({"train/loss": 2.0, "absent": None}, step=0)
+        run.log_metrics({"train/loss": 1.0}, step=1)
+        run.log_artifact(tmp_path / "figure.svg", "figures")
+        run.log_artifact(tmp_path / "folder")
+        run.set_tags({"method": "VisualRHP"})
+    recorded = client.get_run(run.id)
+    assert recorded.info.run_name == "imitation continuous image"
+    assert recorded.info.status == "FINISHED"
+    assert recorded.data.params["seed"] == "3"
+    assert recorded.data.params["scale"] == "quick"
+    assert recorded.data.params["learner.lr"] == "0.25"
+    tags = recorded.data.tags
+    assert (tags["stage"], tags["method"], tags["mlflow.source.name"]) == (
+        "train_il",
+        "VisualRHP",
+        "pipelines.train_il",
+    )
+    history = client.get_metric_history(run.id, "train/loss")
+    assert [(metric.step, metric.value) for metric in history] == [(0, 2.0), (1, 1.0)]
+    assert "absent" not in recorded.data.metrics
+    assert [entry.path for entry in client.list_artifacts(run.id, "figures")] == ["figures/figure.svg"]
+    experiment = client.get_experiment(recorded.info.experiment_id)
+    assert experiment.name == "VisualRHP"
+    assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"
+
+
+def test_an_unfinished_run_is_gone_on_with(
+    configure: Callable[..., TrainILConfig], client: Any, tmp_path: Path
+) -> None:
+    ids: list[tuple[Any, Any]] = []
+
+    def interrupted(step: int) -> None:
+        with (
+            open_run(configure(), "train_il", "resumed", tmp_path) as run,
+            run.child("m=4", {"num_objects": 4}) as child,
+        ):
+            child.log_metrics({"train/loss": float(step)}, step)
+            ids.append((run.id, child.id))
+            raise KeyboardInterrupt
+
+    for step in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(step)
+        assert [client.get_run(run_id).info.status for run_id in ids[-1]] == ["KILLED", "KILLED"]
+    assert ids[0] == ids[1]
+    parent, child_id = ids[0]
+    assert client.get_run(child_id).data.tags["mlflow.parentRunId"] == parent
+    assert client.get_run(child_id).data.params == {"num_objects": "4"}
+    assert [metric.step for metric in client.get_metric_history(child_id, "train/loss")] == [0, 1]
+    with open_run(configure(), "train_il", "resumed", tmp_path):
+        pass
+    assert client.get_run(parent).info.status == "FINISHED"
+    with open_run(configure(), "train_il", "resumed", tmp_path / "other") as other:
+        assert other.id != parent
+
+
+def test_a_failed_run_says_so(configure: Callable[..., TrainILConfig], client: Any) -> None:
+    with pytest.raises(ZeroDivisionError), open_run(configure(), "train_il", "failing") as run:
+        raise ZeroDivisionError
+    assert client.get_run(run.id).info.status == "FAILED"
+
+
+def test_the_machine_is_recorded(configure: Callable[..., TrainILConfig], client: Any) -> None:
+    config = configure("tracking.system_metrics=true")
+    with open_run(config, "train_il", "monitored") as run:
+        pass  # the monitor writes what it has when it is stopped, or after its interval
+    assert client.get_run(run.id).info.status == "FINISHED"
+
+
+def test_dvc_and_git_are_named(
+    configure: Callable[..., TrainILConfig], client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pipelines import tracking
+
+    monkeypatch.setenv("DVC_STAGE", "train_il@continuous-image")
+    monkeypatch.setattr(tracking, "git_commit", lambda: "0123abc")
+    with open_run(configure(), "train_il", "under DVC") as run:
+        pass
+    tags = client.get_run(run.id).data.tags
+    assert (tags["dvc.stage"], tags["mlflow.source.git.commit"]) == ("train_il@continuous-image", "0123abc")
+
+
+def test_no_tracking_makes_nothing(tmp_path: Path) -> None:
+    config = compose("train_il", TrainILConfig, ["tracking=none", f"paths.outputs={tmp_path / 'outputs'}"])
+    with open_run(config, "train_il", "untracked") as run, run.child("m=1") as child:
+        run.log_metrics({"a": 1.0}, 0)
+        child.log_artifact(tmp_path)
+        child.set_tags({"a": "b"})
+        assert run.id is None
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_flatten() -> None:
+    assert flatten({"a": {"b": 1, "c": {"d": (1, 7)}}, "e": {}}) == {"a.b": 1, "a.c.d": (1, 7), "e": {}}

@@ -1,0 +1,58 @@
+"""Pictures of a demonstration set: a contact sheet, a video, a histogram of lengths."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from visualrhp.demonstrations.dataset import DemonstrationSet
+from visualrhp.rendering.episode_renderer import episode_frames
+from visualrhp.rendering.frames import render_frame
+from visualrhp.rendering.video import Frame
+
+_SHEET_ROWS, _SHEET_COLUMNS, _SHEET_SIZE_PX = 8, 8, 160
+
+
+def contact_sheet(demonstrations: DemonstrationSet) -> Frame:
+    """One row per demonstration: its first state, equally spaced states between, and its last; [H, W, 3] uint8."""
+    rows = []
+    for task, episode in itertools.islice(demonstrations, _SHEET_ROWS):
+        last = len(episode)
+        picked = sorted({round(last * column / (_SHEET_COLUMNS - 1)) for column in range(_SHEET_COLUMNS)})
+        pictures = [
+            render_frame(task.scene, episode.states[step], size_px=_SHEET_SIZE_PX, trail=episode.states[:step])
+            for step in picked
+        ]
+        blank = np.full_like(pictures[0], pictures[0][0, 0])
+        rows.append(np.hstack([*pictures, *[blank] * (_SHEET_COLUMNS - len(pictures))]))
+    return np.vstack(rows)
+
+
+def demonstration_frames(demonstrations: DemonstrationSet, count: int, size_px: int) -> Iterator[Frame]:
+    """Frames of a video of the first ``count`` demonstrations."""
+    for task, episode in itertools.islice(demonstrations, count):
+        yield from episode_frames(
+            task.scene,
+            episode.states,
+            title=f"K.RRT, {demonstrations.action_space}",
+            outcome=episode.outcome,
+            size_px=size_px,
+            frames_per_action=4,
+            hold=8,
+        )
+
+
+def length_histogram(lengths: Sequence[int], action_space: str) -> Figure:
+    """Histogram of the number of actions of the demonstrations."""
+    figure = Figure(figsize=(5.0, 3.0), layout="constrained")
+    axes = figure.add_subplot()
+    axes.hist(lengths, bins=range(max(lengths) + 2), align="left", color="#0072b2", rwidth=0.9)
+    axes.set_xlabel("Actions of a demonstration")
+    axes.set_ylabel("Demonstrations")
+    mean = sum(lengths) / len(lengths)
+    axes.set_title(f"{len(lengths)} demonstrations, {action_space}: {mean:.1f} actions on average", fontsize="medium")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

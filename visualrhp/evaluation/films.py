@@ -1,0 +1,152 @@
+"""Videos of episodes: frames of what happened, encoded films, several films side by side."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from visualrhp.execution.episode import EpisodeResult
+from visualrhp.planning.planner import Decision
+from visualrhp.rendering.episode_renderer import episode_frames
+from visualrhp.rendering.imagined import ImaginedPath
+from visualrhp.rendering.pictures import encode_picture
+from visualrhp.rendering.video import Frame, read_video, side_by_side, write_video
+from visualrhp.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Film:
+    """An encoded video.
+
+    Attributes:
+        data: content of a .webm file.
+        poster: last frame, as the content of a .webp file.
+        width, height: [px].
+    """
+
+    data: bytes = field(repr=False)
+    poster: bytes = field(repr=False)
+    width: int
+    height: int
+
+
+def film_episode(
+    result: EpisodeResult,
+    world_scene: Scene | None = None,
+    *,
+    title: str = "",
+    max_steps: int | None = None,
+    size_px: int = 480,
+    frames_per_action: int = 6,
+    imagined_frames: int = 0,
+    hold: int = 18,
+    show_observation: bool = False,
+    show_inset: bool = False,
+) -> Iterator[Frame]:
+    """Frames of a video of an episode.
+
+    Args:
+        result: of the episode.
+        world_scene: the true scene, where it differs from the one that the planner observes (Sec. 8.2).
+        title: of the caption; an empty one leaves the caption out.
+        max_steps: the action limit, for the caption.
+        size_px: height and width of the picture of the scene.
+        frames_per_action: frames of the motion of an action.
+        imagined_frames: frames of the roll-outs of the planner before each action; 0 leaves them and their legend out.
+        hold: how often the last frame is repeated.
+        show_observation: whether a panel shows the label image.
+        show_inset: whether an inset shows the label image.
+
+    Raises:
+        ConfigError: a number of frames or the size is out of range.
+    """
+    imagined = [imagined_paths(timed.decision) for timed in result.decisions] if imagined_frames else None
+    return episode_frames(
+        world_scene or result.scene,
+        result.episode.states,
+        title=title,
+        outcome=result.outcome,
+        max_steps=max_steps,
+        imagined=imagined,
+        decision_s=[timed.time_s for timed in result.decisions],
+        size_px=size_px,
+        frames_per_action=frames_per_action,
+        imagined_frames=max(1, imagined_frames),
+        hold=hold,
+        show_observation=show_observation,
+        show_inset=show_inset,
+        believed_scene=result.scene,
+    )
+
+
+def imagined_paths(decision: Decision) -> list[ImaginedPath]:
+    """The roll-outs of a decision as paths to draw."""
+    chosen = chosen_rollout(decision)
+    return [
+        ImaginedPath(rollout.states, rollout.total_return, number == chosen)
+        for number, rollout in enumerate(decision.rollouts)
+    ]
+
+
+def chosen_rollout(decision: Decision) -> int | None:
+    """Index of the roll-out whose first action is taken, the first of the highest return (Alg. 1).
+
+    None if there are no roll-outs, or if all diverged.
+    """
+    returns = [rollout.total_return for rollout in decision.rollouts]
+    return returns.index(max(returns)) if returns and math.isfinite(max(returns)) else None
+
+
+def encode_film(frames: Iterable[Frame], fps: float) -> Film:
+    """Encode a video in memory.
+
+    Raises:
+        ConfigError: ``fps`` is not positive.
+        DataError: there are no frames, or this build of OpenCV cannot encode them.
+    """
+    last: Frame | None = None
+
+    def remembered() -> Iterator[Frame]:
+        nonlocal last
+        for frame in frames:
+            last = frame
+            yield frame
+
+    with tempfile.TemporaryDirectory() as folder:  # OpenCV writes to files only
+        path = Path(folder) / "film.webm"
+        write_video(path, remembered(), fps)
+        data = path.read_bytes()
+    assert last is not None  # a video without frames is an error above
+    height, width = last.shape[:2]
+    return Film(data, encode_picture(last, ".webp"), width, height)
+
+
+def write_comparison(films: Sequence[Film], path: Path, fps: float, *, columns: int = 3, cell_px: int = 208) -> None:
+    """Write a video in which several films play at once, row by row.
+
+    Args:
+        films: at least one, all of one size.
+        path: a file name that ends in ``.webm``.
+        fps: frames a second.
+        columns: of the grid.
+        cell_px: width to which wider films are reduced.
+    """
+
+    def small(frame: Frame) -> Frame:
+        scale = min(1.0, cell_px / frame.shape[1])
+        size = (round(scale * frame.shape[1]), round(scale * frame.shape[0]))
+        return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    decoded = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, film in enumerate(films):
+            source = Path(folder) / f"{number}.webm"
+            source.write_bytes(film.data)
+            decoded.append([small(frame) for frame in read_video(source)])
+    write_video(path, side_by_side(decoded, columns=min(columns, len(decoded))), fps)

@@ -1,0 +1,48 @@
+"""Shows an episode in a window while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from visualrhp.evaluation.films import imagined_paths
+from visualrhp.execution.episode import EpisodeListener, TimedDecision
+from visualrhp.rendering.episode_renderer import EpisodeRenderer
+from visualrhp.rendering.video import Frame
+from visualrhp.rendering.window import Window
+from visualrhp.types import Outcome, State
+
+
+class LiveView(EpisodeListener):
+    """Draws every state and decision in a window at the pace of a video.
+
+    Args:
+        window: is shown to.
+        renderer: of the episode's frames; it knows the initial state.
+        fps: frames a second.
+        hold_s: how long the end is shown [s].
+    """
+
+    def __init__(self, window: Window, renderer: EpisodeRenderer, fps: float, hold_s: float) -> None:
+        self._window, self._renderer = window, renderer
+        self._frame_s, self._hold_s = 1.0 / fps, hold_s
+        self._is_initial = True
+
+    def observed(self, state: State, outcome: Outcome | None) -> None:
+        if self._is_initial:
+            self._is_initial = False
+            self._show([self._renderer.still()])
+        else:
+            self._show(self._renderer.move(state, outcome))
+
+    def decided(self, decision: TimedDecision) -> None:
+        self._show(self._renderer.imagine(imagined_paths(decision.decision), decision.time_s))
+
+    def end(self, outcome: Outcome) -> None:
+        """Show the last state with the outcome of the episode for a while."""
+        self._window.show(self._renderer.still(outcome), self._hold_s)
+        self._window.show(self._renderer.still(outcome), 0.0)
+
+    def _show(self, frames: Iterable[Frame]) -> None:
+        for frame in frames:
+            if not self._window.show(frame, self._frame_s):
+                return

@@ -1,0 +1,150 @@
+"""Summaries of a table of episodes: the rows that a statement is about, tables of metrics, numbers in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from visualrhp.evaluation.methods import ACTION_SPACES, order_methods, with_labels
+from visualrhp.evaluation.metrics import evaluation_metrics, summarize
+from visualrhp.types import Metrics
+
+
+# ------------------------------------------------------------------------------------------------------ choice of rows
+def mixed_sizes(episodes: pd.DataFrame) -> pd.DataFrame:
+    """The episodes with objects of mixed size."""
+    return episodes.loc[episodes["object_size"] == "mixed"]
+
+
+def without_noise(episodes: pd.DataFrame) -> pd.DataFrame:
+    """The episodes in which the planner's model is exact."""
+    return episodes.loc[episodes["noise_level"] == "none"]
+
+
+def random_num_objects(episodes: pd.DataFrame) -> pd.DataFrame:
+    """The episodes whose number of objects was drawn at random (Sec. 8.1), or all if there are none."""
+    random = episodes["scene_num_objects"].astype(str).str.contains("-")
+    return episodes.loc[random] if random.any() else episodes
+
+
+def main_rows(episodes: pd.DataFrame) -> pd.DataFrame:
+    """The episodes of the headline numbers: mixed sizes, no noise, a random number of objects where there is one."""
+    rows = without_noise(mixed_sizes(episodes))
+    return random_num_objects(rows if len(rows) else episodes)
+
+
+# -------------------------------------------------------------------------------------------------------------- tables
+def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Tables of metrics by name; the column ``label`` ("VisualRHP 3x3, continuous") identifies a line of a plot.
+
+    They are ``summary`` (:func:`main_rows`), ``by_num_objects``, ``by_size`` and ``by_noise``.
+    """
+
+    def by(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
+        labelled = with_labels(rows)
+        labelled = labelled.assign(label=labelled["method"] + ", " + labelled["action_space"])
+        return summarize(labelled, ["label", *keys])
+
+    return {
+        "summary": by(main_rows(episodes)),
+        "by_num_objects": by(mixed_sizes(without_noise(episodes)), "num_objects"),
+        "by_size": by(without_noise(episodes), "object_size", "scene_num_objects"),
+        "by_noise": by(mixed_sizes(episodes), "noise_level", "num_objects"),
+    }
+
+
+def metrics_by_method(episodes: pd.DataFrame) -> dict[str, dict[str, Metrics]]:
+    """action space -> method -> metric -> value, over :func:`main_rows`; metrics without a value are left out."""
+    metrics: dict[str, dict[str, Metrics]] = {}
+    for row in summarize(with_labels(main_rows(episodes)), ["action_space", "method"]).to_dict("records"):
+        numbers = {
+            str(key): round(float(value), 6)
+            for key, value in row.items()
+            if key not in ("action_space", "method") and not math.isnan(value)
+        }
+        metrics.setdefault(row["action_space"], {})[row["method"]] = numbers
+    return metrics
+
+
+@dataclass(frozen=True, slots=True)
+class MethodSummary:
+    """Results of a method in an action space.
+
+    Attributes:
+        method: its label.
+        action_space: name.
+        num_episodes: all of its episodes.
+        success_rate: over :func:`main_rows`; None if the method has none of them.
+        metrics: over its :func:`main_rows`, or over all of its episodes if there are none.
+        by_num_objects: the same by number of objects, over mixed sizes without noise.
+    """
+
+    method: str
+    action_space: str
+    num_episodes: int
+    success_rate: float | None
+    metrics: Metrics
+    by_num_objects: dict[int, Metrics]
+
+
+def method_summaries(episodes: pd.DataFrame) -> Iterator[MethodSummary]:
+    """Summarize each method in each action space, in the order of legends."""
+    labelled = with_labels(episodes)
+    main = with_labels(main_rows(episodes))
+    for space in ACTION_SPACES:
+        for method in order_methods(labelled.loc[labelled["action_space"] == space, "method"].tolist()):
+            own = labelled.loc[(labelled["method"] == method) & (labelled["action_space"] == space)]
+            headline = main.loc[(main["method"] == method) & (main["action_space"] == space)]
+            quiet: Any = without_noise(mixed_sizes(own)).groupby("num_objects")
+            yield MethodSummary(
+                method=method,
+                action_space=space,
+                num_episodes=len(own),
+                success_rate=evaluation_metrics(headline)["success_rate"].value if len(headline) else None,
+                metrics=_numbers(headline if len(headline) else own),
+                by_num_objects={int(num_objects): _numbers(rows) for num_objects, rows in quiet},
+            )
+
+
+def _numbers(episodes: pd.DataFrame) -> Metrics:
+    """The metrics and the bounds of their intervals by name, those that are not a number left out."""
+    numbers = {}
+    for name, estimate in evaluation_metrics(episodes).items():
+        named = {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+        numbers |= {key: value for key, value in named.items() if not math.isnan(value)}
+    return numbers
+
+
+# --------------------------------------------------------------------------------------------------------------- words
+def summary_lines(episodes: pd.DataFrame, num_settings: int) -> str:
+    """The metrics of every method as a few lines of text."""
+    lines = [
+        f"{len(episodes)} episodes in {num_settings} settings. Success rate [90% interval], action efficiency, time:"
+    ]
+    for row in summarize(with_labels(main_rows(episodes)), ["action_space", "method"]).to_dict("records"):
+        lines.append(
+            f"  {row['action_space']:<11} {row['method']:<24} {percent(row['success_rate']):>5} "
+            f"[{percent(row['success_rate_low'])}, {percent(row['success_rate_high'])}]  "
+            f"{row['action_efficiency']:.2f}  {duration(row['execution_time_s'])}  ({row['episodes']} episodes)"
+        )
+    return "\n".join(lines)
+
+
+def percent(value: float, digits: int = 0) -> str:
+    """A rate in per cent, or a dash for a missing one."""
+    return "–" if pd.isna(value) else f"{100.0 * value:.{digits}f}%"
+
+
+def duration(seconds: float) -> str:
+    """A duration in a suitable unit, or a dash for a missing one."""
+    if pd.isna(seconds):
+        return "–"
+    if seconds < 1.0:
+        return f"{1e3 * seconds:.3g} ms"
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

@@ -1,0 +1,71 @@
+"""Tables of the learning studies (Fig. 5 and 6), from the folders that the sweeps behind them made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+from visualrhp.errors import DataError
+from visualrhp.evaluation.episodes import read_episodes
+
+TASKS_PER_BATCH: Final = 20
+"""Tasks over which a success rate of Fig. 5 is taken (Sec. 7.4)."""
+
+
+def demonstration_batches(folder: Path) -> pd.DataFrame:
+    """One row per batch of tasks, from ``<number>/evaluation/<action space>/episodes.parquet``.
+
+    Returns:
+        A table with the columns action_space, num_demonstrations, success_rate.
+
+    Raises:
+        DataError: there is no such file, or one is damaged.
+    """
+    rows = []
+    for path in sorted(folder.glob("*/evaluation/*/episodes.parquet")):
+        episodes = read_episodes(path).sort_values("episode")
+        batch = episodes["episode"] // TASKS_PER_BATCH
+        for _, tasks in episodes.groupby(batch):
+            point = {"action_space": path.parts[-2], "num_demonstrations": int(path.parts[-4])}
+            rows.append(point | {"success_rate": float(tasks["success"].to_numpy().mean())})
+    if not rows:
+        raise _no_sweep("demonstrations", folder, "fig5_evaluation")
+    return pd.DataFrame(rows)
+
+
+def stability_trials(folder: Path) -> pd.DataFrame:
+    """One row per greedy evaluation of a training, from ``baseline_step_<bool>/seed_<number>/curves.csv``.
+
+    Returns:
+        A table with the columns algorithm ("C3PO" or "PPO"), trial, transitions, success_rate.
+
+    Raises:
+        DataError: there is no such file.
+    """
+    tables = []
+    for path in sorted(folder.glob("baseline_step_*/seed_*/curves.csv")):
+        curves = pd.read_csv(path)
+        rates = curves.loc[curves["greedy/success_rate"].notna()]
+        transitions = rates["collection/transitions"].fillna(0)  # none before the first iteration
+        tables.append(
+            pd.DataFrame(
+                {
+                    "algorithm": "C3PO" if path.parts[-3].endswith("True") else "PPO",
+                    "trial": path.parts[-2],
+                    "transitions": transitions,
+                    "success_rate": rates["greedy/success_rate"],
+                }
+            )
+        )
+    if not tables:
+        raise _no_sweep("stability", folder, "fig6")
+    return pd.concat(tables, ignore_index=True)
+
+
+def _no_sweep(key: str, folder: Path, experiment: str) -> DataError:
+    return DataError(
+        f"sweeps.{key}={folder} has no finished job; the first lines of conf/experiment/{experiment}.yaml say how to "
+        "run it"
+    )

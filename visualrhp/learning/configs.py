@@ -1,0 +1,148 @@
+"""Parameters of the learners. This module does not import torch.
+
+Defaults: Sec. 7.4.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from visualrhp.parameters import Count, Field, Fraction, NonNegative, Positive, parameters
+from visualrhp.simulation.rules import DISCOUNT
+
+
+@parameters
+class ImitationConfig:
+    """Parameters for both action spaces. Defaults: Sec. 7.4.
+
+    Attributes:
+        discount: gamma.
+        l2_regularization: weight of the squared norm of the parameters.
+        batch_size: M.
+        epochs: passes over the pairs.
+        lr: learning rate of Adam.
+        lr_schedule: ``constant``, or ``cosine`` with zero at the last step.
+        mirror: whether to mirror every pair with probability 1/2.
+        validation_fraction: share of held-out demonstrations.
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    discount: Fraction = DISCOUNT
+    l2_regularization: NonNegative = 0.0
+    batch_size: Count = 2000
+    epochs: Count = 100
+    lr: Positive = 1e-4
+    lr_schedule: Literal["constant", "cosine"] = "constant"
+    mirror: bool = True
+    validation_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.05
+
+
+@parameters
+class QImitationConfig(ImitationConfig):
+    """Discrete action space (Sec. 6.2.1).
+
+    Attributes:
+        margin_actions: eta.
+        margin_cost: r_cost.
+    """
+
+    margin_actions: Count = 3
+    margin_cost: Positive = 1.0
+
+
+@parameters
+class ActorCriticImitationConfig(ImitationConfig):
+    """Continuous action space (Sec. 6.2.2).
+
+    Attributes:
+        likelihood_coefficient: Upsilon.
+        value_coefficient: c1.
+        entropy_coefficient: c2.
+        return_unit: unit of the returns in the squared error of the value; 1 in the paper.
+    """
+
+    likelihood_coefficient: Positive = 0.5
+    value_coefficient: Positive = 0.7
+    entropy_coefficient: NonNegative = 0.01
+    return_unit: Positive = 1.0
+
+
+@parameters
+class DQNConfig:
+    """Parameters of DQN; the defaults are those of Sec. 7.4.
+
+    Attributes:
+        buffer_size: transitions in the replay buffer.
+        frames_per_batch: transitions collected per iteration, a multiple of the number of environments.
+        epochs: passes per update, each over as many samples as were collected.
+        batch_size: M, transitions in a minibatch.
+        lr: learning rate of Adam.
+        discount: gamma.
+        epsilon: probability of a random action.
+        l2_regularization: weight of the sum of the squared parameters in the loss.
+        target_update_interval: minibatches between copies into a target network, or None for no target network (as in
+            Eq. 7).
+        max_grad_norm: limit of the norm of the gradient, or None (as in the paper).
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    buffer_size: Count = 500_000
+    frames_per_batch: Count = 2_000
+    epochs: Count = 3
+    batch_size: Count = 2_000
+    lr: Positive = 1e-5
+    discount: Fraction = DISCOUNT
+    epsilon: Fraction = 0.2
+    l2_regularization: NonNegative = 1e-5
+    target_update_interval: Count | None = None
+    max_grad_norm: Positive | None = None
+
+
+@parameters
+class C3POConfig:
+    """Parameters of C3PO; the defaults are those of Sec. 7.4.
+
+    Attributes:
+        frames_per_batch: transitions collected per iteration, a multiple of the number of environments.
+        batch_size: M, transitions in a minibatch.
+        baseline_epochs: epochs over L_baseline (Eq. 10).
+        policy_epochs: epochs over L_actor-critic (Eq. 8).
+        baseline_step: whether L_baseline is optimized; False is plain PPO.
+        lr: learning rate of Adam.
+        discount: gamma.
+        clip_epsilon: clip range of the ratio in Eq. 8 (PPO).
+        value_coefficient: c3.
+        entropy_coefficient: c4.
+        baseline_value_coefficient: c5.
+        gae_lambda: lambda of generalized advantage estimation; 0 gives the one-step targets of Eq. 8, Eq. 9 and Eq. 10.
+        normalize_advantage: whether the advantages of a minibatch are standardized (not in the paper).
+        max_grad_norm: limit of the norm of the gradient, or None (as in the paper).
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    frames_per_batch: Count = 10_000
+    batch_size: Count = 2_000
+    baseline_epochs: Count = 20
+    policy_epochs: Count = 15
+    baseline_step: bool = True
+    lr: Positive = 1e-5
+    discount: Fraction = DISCOUNT
+    clip_epsilon: Positive = 0.075
+    value_coefficient: Positive = 0.7
+    entropy_coefficient: NonNegative = 0.1
+    baseline_value_coefficient: Positive = 0.35
+    gae_lambda: Fraction = 0.0
+    normalize_advantage: bool = False
+    max_grad_norm: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if self.batch_size > self.frames_per_batch:
+            raise ValueError(
+                f"batch_size={self.batch_size}: it should not exceed frames_per_batch={self.frames_per_batch}."
+            )
