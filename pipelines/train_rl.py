@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 STAGE = "train_rl"
 
 _STATE = "state.safetensors"
-_SAVE_INTERVAL_S = 30.0
+SAVE_INTERVAL_S = 30.0
 """Least time between two saved states of a training, and thus the most that a killed training loses."""
 
 _REPORTED = ("success_rate", "dropped_rate", "action_efficiency", "num_actions")
@@ -60,7 +60,7 @@ def main(config: TrainRLConfig) -> None:
     from pipelines.workflow.artefacts import discard, publish, work_folder
     from pipelines.workflow.tracking import open_run
 
-    work = work_folder(config, STAGE, _input_hashes(config))
+    work = work_folder(config, STAGE, input_hashes(config))
     with open_run(config, STAGE, f"RL {config.action_space.name} {config.observation.name}", work) as run:
         folder = TRAINING.run(config, config.learner.iterations, work, run)
         publish(folder, config.paths.artefact)
@@ -129,7 +129,7 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
         learner.load(state)
     saved = time.monotonic()
     for row in learner.run(config.learner.iterations):
-        if time.monotonic() - saved >= _SAVE_INTERVAL_S or learner.iteration == config.learner.iterations:
+        if time.monotonic() - saved >= SAVE_INTERVAL_S or learner.iteration == config.learner.iterations:
             learner.save(state)
             saved = time.monotonic()
         yield row
@@ -142,7 +142,7 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
     if not is_validated:  # without validation, the best one is unknown
         published["heuristic"] = published["last"]
     for stem, (network, iteration) in published.items():
-        about = card(config, STAGE, part=part.name, iteration=iteration, metrics=metrics, inputs=_input_hashes(config))
+        about = card(config, STAGE, part=part.name, iteration=iteration, metrics=metrics, inputs=input_hashes(config))
         save_heuristic(folder / f"{stem}.safetensors", network, about)  # pyright: ignore[reportArgumentType]
     write_json(folder / "history.json", learner.history)
     write_json(folder / "metrics.json", metrics)
@@ -189,7 +189,7 @@ def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
     return DemonstrationSet.open(config.demonstrations, config.action_space.name)
 
 
-def _input_hashes(config: TrainRLConfig) -> dict[str, str]:
+def input_hashes(config: TrainRLConfig) -> dict[str, str]:
     """Hashes of the inputs of the training; missing or damaged files are found here, before any work."""
     import hashlib
 

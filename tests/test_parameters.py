@@ -124,9 +124,9 @@ def test_constructors_check_and_name_their_arguments() -> None:
     with pytest.raises(ConfigError, match=r"^lives=0 is out of range"):
         Cat("cat", lives=0)
     with pytest.raises(ConfigError, match=r"There is no key live. Did you mean lives?"):
-        Cat("cat", live=1)
+        Cat(**{"kind": "cat", "live": 1})
     with pytest.raises(ConfigError, match=r"The key kind is missing: it should be cat."):
-        Cat()
+        Cat(**{})
     with pytest.raises(ConfigError, match=r"^lives=12 is out of range"):
         replace(Cat("cat"), lives=12)
 

@@ -8,13 +8,11 @@ from pipelines.config.common import PipelineConfig
 from pipelines.config.groups import (
     ActorCriticImitationConfig,
     C3POConfig,
-    CraftedHeuristicConfig,
     DQNConfig,
     KinodynamicRRTConfig,
     ObservationConfig,
     PlannerConfig,
     QImitationConfig,
-    RecedingHorizonConfig,
     ValidationConfig,
     VideoConfig,
 )
@@ -266,7 +264,7 @@ class TuneCraftedConfig(PipelineConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         planner = self.planner
-        if not isinstance(planner, RecedingHorizonConfig) or not isinstance(planner.heuristic, CraftedHeuristicConfig):
+        if planner.algorithm != "receding_horizon" or planner.heuristic.kind != "crafted":
             raise ValueError(
                 f"planner.name={planner.name} has no handcrafted heuristic, whose weights are searched: "
                 "choose planner=crafted_heuristic_rhp."

@@ -25,7 +25,8 @@ from torch import nn
 from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, show_title, timed
 from tests.benchmarks.walks import random_walks
 from tests.heuristics.plain_convolution import PlainLabelConvolution
-from visualrhp.heuristics.inference import FastNetwork
+from visualrhp.heuristics.conversion import weights_of
+from visualrhp.heuristics.inference import InferenceNetwork
 from visualrhp.heuristics.label_convolution import LabelConvolution
 from visualrhp.heuristics.networks import ActorCritic, ImageEncoder, QNetwork, make_network
 from visualrhp.observation import make_observation
@@ -55,7 +56,7 @@ def _show(effort: Effort, space: ActionSpaceName, observation: str) -> None:
     assert len(states) == max(_BATCHES)
     observations = np.stack([function(walk.scene, state) for state in states])
     closed = np.array([state.gripper_closed for state in states])
-    fast = FastNetwork(network)
+    fast = InferenceNetwork(weights_of(network), space)
     show_title(f"Network, {space}, {observation}, 7 objects, one thread, against")
     for name, answer in _answers(effort, network, observations, closed).items():
         for ours, theirs in zip(fast(observations, closed), answer(observations, closed), strict=True):
@@ -79,7 +80,7 @@ def _cold(answer: _Answer, asked: tuple[np.ndarray, np.ndarray]) -> Stopwatch:
 def _answers(effort: Effort, network: _Network, observations: np.ndarray, closed: np.ndarray) -> dict[str, _Answer]:
     plain = _plain(network)
     answers = {"PyTorch, eager": _torch_answer(plain)}
-    if network.observation.name == "image":
+    if isinstance(network.encoder, ImageEncoder):
         answers["PyTorch, eager, first layer of training"] = _torch_answer(network)
     if effort.repetitions > 1:  # compiling takes a minute
         if shutil.which("c++"):

@@ -13,8 +13,8 @@ import torch
 from tests.benchmarks.timing import Effort, Stopwatch, compare, numbered, readable, show_title, timed
 from tests.benchmarks.walks import Walk, random_walks
 from visualrhp.heuristics.checkpoint import load_heuristic
-from visualrhp.heuristics.heuristic import Guidance
-from visualrhp.heuristics.inference import FastNetwork
+from visualrhp.heuristics.conversion import heuristic_of
+from visualrhp.heuristics.heuristic import Guidance, Heuristic
 from visualrhp.heuristics.learned import LearnedHeuristic
 from visualrhp.heuristics.networks import make_network
 from visualrhp.observation import make_observation
@@ -53,14 +53,17 @@ class _TimedModel(TransitionModel):
         return transition
 
 
-class _RecordingHeuristic(LearnedHeuristic):
+class _RecordingHeuristic(Heuristic):
     """Remembers what it was asked about."""
 
-    calls: list[list[State]]
+    def __init__(self, heuristic: LearnedHeuristic) -> None:
+        self.heuristic = heuristic
+        self.action_space = heuristic.action_space
+        self.calls: list[list[State]] = []
 
     def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
         self.calls.append(list(states))
-        return super().guide(scenes, states)
+        return self.heuristic.guide(scenes, states)
 
 
 class _Decision:
@@ -84,11 +87,11 @@ class _Decision:
         self.state = state
         self.rng = np.random.default_rng(0)
         self.start = self.rng.bit_generator.state
-        self.network = FastNetwork(heuristic.network)
-        self.observe = heuristic.network.observation
+        self.network = heuristic.network
+        self.observe = heuristic.observation
         model = _RecordingModel(walk.scene, make_action_space(space))
-        recorder = _RecordingHeuristic(heuristic.network, heuristic.temperature)
-        model.calls, recorder.calls = [], []
+        recorder = _RecordingHeuristic(heuristic)
+        model.calls = []
         rollouts = (
             RecedingHorizon(recorder, num_rollouts=size, horizon=size)
             .plan(model, state, np.random.default_rng(0))
@@ -213,5 +216,5 @@ def _heuristic(space: ActionSpaceName, observation: str, num_objects: int) -> Le
     if path.is_file():
         return load_heuristic(path)
     torch.manual_seed(0)
-    observation = make_observation("image") if observation == "image" else make_observation("cartesian", num_objects)
-    return LearnedHeuristic(make_network(space, observation))
+    reads = make_observation("image") if observation == "image" else make_observation("cartesian", num_objects)
+    return heuristic_of(make_network(space, reads))

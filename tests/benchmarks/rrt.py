@@ -1,9 +1,9 @@
-"""What K.RRT reaches at each density, and beside OMPL's control::RRT on the same task instances.
+"""Success and time of K.RRT by number of objects, and of OMPL's control::RRT on the same task instances.
 
     python -m tests.benchmarks rrt --instances 300
 
-A search that is out of time counts as unsolved, and with the time it took. A plan has under 50 actions, for both
-planners. The section rrt_beside_ompl makes the comparison, for which OMPL has to be installed.
+A search that exceeds its time limit counts as unsolved, and its time is included. Plans have fewer than 50 actions, for
+both planners. The section rrt_ompl, the comparison, requires OMPL.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution, TaskInstance, sample_task_instance
 from visualrhp.simulation import MAX_ACTIONS, TransitionModel, make_action_space
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
-from visualrhp.streams import Split, generator_for
+from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import Action, ActionSpaceName, State, wrap_angle
 
-_SEED, _PLANNING_STREAM = 0, 1
-DENSITIES = range(1, 8)
+_SEED = 0
+NUM_OBJECTS = range(1, 8)
 ACTION_SPACES: tuple[ActionSpaceName, ...] = ("continuous", "discrete")
 
 
 @dataclass(frozen=True)
 class Search:
-    """What became of one task instance.
+    """Result of a search on one task instance.
 
     Attributes:
         length: actions of the plan; None if there is none.
@@ -53,7 +53,7 @@ def _instance(num_objects: int, index: int) -> TaskInstance:
 
 def _ours(space: ActionSpaceName, task: TaskInstance, index: int, planner: KinodynamicRRT) -> Search:
     model = TransitionModel(task.scene, make_action_space(space))
-    rng = generator_for(_SEED, Split.EVALUATION, index, _PLANNING_STREAM)
+    rng = generator_for(_SEED, Split.EVALUATION, index, Stream.PLANNER)
     started = time.process_time()
     found = planner.search(model, task.state, rng)
     elapsed = time.process_time() - started
@@ -67,26 +67,26 @@ def planner_for(effort: Effort) -> KinodynamicRRT:
 
 def run(effort: Effort) -> None:
     for space in ACTION_SPACES:
-        reach(space, DENSITIES, effort.instances, planner_for(effort))
+        reach(space, NUM_OBJECTS, effort.instances, planner_for(effort))
 
 
-def reach(space: ActionSpaceName, densities: Sequence[int], instances: int, planner: KinodynamicRRT) -> None:
-    """Table of what K.RRT reaches at each density."""
-    _show_head(f"K.RRT, {space} actions, {instances} task instances a density, limit {planner.time_limit_s} s")
-    for num_objects in densities:
+def reach(space: ActionSpaceName, counts: Sequence[int], instances: int, planner: KinodynamicRRT) -> None:
+    """Print a table of success and time by number of objects."""
+    _show_head(f"K.RRT, {space} actions, {instances} task instances per row, limit {planner.time_limit_s} s")
+    for num_objects in counts:
         found = [_ours(space, _instance(num_objects, index), index, planner) for index in range(instances)]
         _show(f"m = {num_objects}", found)
 
 
-def beside_ompl(space: ActionSpaceName, densities: Sequence[int], instances: int, planner: KinodynamicRRT) -> None:
+def against_ompl(space: ActionSpaceName, counts: Sequence[int], instances: int, planner: KinodynamicRRT) -> None:
     """Table of K.RRT and OMPL, each instance by the one and then by the other; ratios where both have a plan."""
     _show_head(
-        f"K.RRT and OMPL's control::RRT, {space} actions, {instances} task instances a density, limit "
+        f"K.RRT and OMPL's control::RRT, {space} actions, {instances} task instances per row, limit "
         f"{planner.time_limit_s} s"
     )
     ours: list[Search] = []
     theirs: list[Search] = []
-    for num_objects in densities:
+    for num_objects in counts:
         for index in range(instances):
             task = _instance(num_objects, index)
             ours.append(_ours(space, task, index, planner))
@@ -151,7 +151,7 @@ class OMPLSearch:
     def __init__(self, space: ActionSpaceName, task: TaskInstance, index: int, planner: KinodynamicRRT) -> None:
         self._task, self._index, self._planner, self._is_discrete = task, index, planner, space == "discrete"
         self._model = TransitionModel(task.scene, make_action_space(space))
-        self._rng = generator_for(_SEED, Split.EVALUATION, index, _PLANNING_STREAM)
+        self._rng = generator_for(_SEED, Split.EVALUATION, index, Stream.PLANNER)
         self._num_simulated = 0
 
     def search(self) -> Search:

@@ -16,7 +16,7 @@ SECTIONS = (
     "inference",
     "planning",
     "rrt",
-    "rrt_beside_ompl",
+    "rrt_ompl",
     "training",
     "command_line",
     "peers",
@@ -35,7 +35,7 @@ def run_section(name: str, effort: Effort) -> None:
 
 
 def run_apart(name: str, effort: Effort) -> bool:
-    """Run one section in a new process; whether it went well."""
+    """Run one section in a new process; return whether it succeeded."""
     process = multiprocessing.get_context("spawn").Process(target=run_section, args=(name, effort))
     process.start()
     process.join()

@@ -53,4 +53,4 @@ def test_steps_of_an_environment_are_counted() -> None:
 def test_unknown_section() -> None:
     answer = _run("speed")
     assert answer.returncode == 2
-    assert "no section speed" in answer.stderr
+    assert "unknown section speed" in answer.stderr

@@ -7,7 +7,7 @@ import torch
 
 from tests.benchmarks.planning import _Decision, _RecordingModel
 from tests.benchmarks.walks import random_walks
-from visualrhp.heuristics.learned import LearnedHeuristic
+from visualrhp.heuristics.conversion import heuristic_of
 from visualrhp.heuristics.networks import make_network
 from visualrhp.observation import make_observation
 from visualrhp.simulation import make_action_space
@@ -17,7 +17,7 @@ from visualrhp.types import ActionSpaceName
 @pytest.mark.parametrize(("space", "shared"), [("continuous", True), ("discrete", True), ("discrete", False)])
 def test_the_parts_leave_nothing_out(space: ActionSpaceName, shared: bool) -> None:
     torch.manual_seed(0)
-    heuristic = LearnedHeuristic(make_network(space, make_observation("image")))
+    heuristic = heuristic_of(make_network(space, make_observation("image")))
     walk = random_walks(2, 3, space)[0]
     decision = _Decision(heuristic, walk, walk.states[-2], space, 3, shared)
     model = decision.model = _RecordingModel(walk.scene, make_action_space(space))

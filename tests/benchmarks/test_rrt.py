@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import pytest
 
-from tests.benchmarks.rrt import OMPLSearch, beside_ompl, reach
+from tests.benchmarks.rrt import OMPLSearch, against_ompl, reach
 from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.streams import Split
 
 
-def test_reach_prints_a_row_for_each_density(capsys: pytest.CaptureFixture[str]) -> None:
+def test_reach_prints_a_row_for_each_number_of_objects(capsys: pytest.CaptureFixture[str]) -> None:
     reach("continuous", (1, 7), 2, KinodynamicRRT(time_limit_s=10.0))
     title, _, *rows = capsys.readouterr().out.strip().splitlines()
-    assert "2 task instances a density, limit 10.0 s" in title
+    assert "2 task instances per row, limit 10.0 s" in title
     assert [row[:5] for row in rows] == ["m = 1", "m = 7"]
     assert all("2/2 100.0%" in row for row in rows)
 
 
-def test_beside_ompl(capsys: pytest.CaptureFixture[str]) -> None:
+def test_against_ompl(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("ompl", reason="has no wheel for this platform")
     for space in ("continuous", "discrete"):
-        beside_ompl(space, (2,), 1, KinodynamicRRT(time_limit_s=10.0))
+        against_ompl(space, (2,), 1, KinodynamicRRT(time_limit_s=10.0))
         rows = capsys.readouterr().out.strip().splitlines()[2:]
         assert [row.split("  ")[0] for row in rows[:4]] == ["m = 2, K.RRT", "m = 2, OMPL", "all, K.RRT", "all, OMPL"]
 

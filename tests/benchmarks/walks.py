@@ -13,7 +13,7 @@ import numpy as np
 from visualrhp.scene import Scene, SceneDistribution, TaskInstance, sample_task_instance
 from visualrhp.simulation import GripperMotion, Physics, TransitionModel, make_action_space
 from visualrhp.simulation.chipmunk import Space, lib
-from visualrhp.simulation.simulator import _MORE_ITERATIONS, _PATIENCE, Simulator
+from visualrhp.simulation.simulator import MORE_ITERATIONS, PATIENCE, Simulator
 from visualrhp.streams import Split
 from visualrhp.types import Action, ActionSpaceName, State
 
@@ -99,7 +99,7 @@ def random_walks(num_objects: int, motions: int, space: ActionSpaceName = "conti
 def _bare_loop(simulator: Simulator, space: Space, walk: Walk, number: int) -> float:
     """The substeps of one motion, by the calls into Chipmunk that the simulator makes; how long they took [s]."""
     settling = walk.settling[number]
-    patient = min(settling, _PATIENCE)
+    patient = min(settling, PATIENCE)
     closed = walk.states[number + 1].gripper_closed
     start = time.process_time()
     lib.cpSpaceSetIterations(space, simulator.physics.iterations)
@@ -107,7 +107,7 @@ def _bare_loop(simulator: Simulator, space: Space, walk: Walk, number: int) -> f
     simulator.move(space, walk.states[number], walk.motions[number])
     simulator.step(space, patient)
     if settling > patient:
-        lib.cpSpaceSetIterations(space, _MORE_ITERATIONS * simulator.physics.iterations)
+        lib.cpSpaceSetIterations(space, MORE_ITERATIONS * simulator.physics.iterations)
         simulator.step(space, settling - patient)
     return time.process_time() - start
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.demonstrations.conftest import ACTION_SPACES
+from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.demonstrations.generate import Attempt
-from visualrhp.demonstrations.replay import ReplayBlock, replay, replay_difference
+from visualrhp.demonstrations.replay import ReplayBlock, replay, replay_blocks, replay_difference
 from visualrhp.demonstrations.shards import between, pack
 from visualrhp.simulation import Physics, TransitionModel, make_action_space
 from visualrhp.types import ActionSpaceName, State
@@ -62,3 +63,10 @@ def test_a_block_is_replayed_and_the_index_named(
     assert difference[:2] == ("shard", 3) and difference[2].startswith("reward 1 of")
     summary.add(replay(ReplayBlock("shard", between(arrays, 5, 7), physics)))
     assert summary.num_replayed == 7
+
+
+def test_blocks_are_the_set_and_hold_no_open_files(stored: DemonstrationSet) -> None:
+    parts = list(replay_blocks(stored, Physics(), size=3))
+    indices = np.concatenate([part.arrays["index"] for part in parts])
+    assert indices.tolist() == list(range(stored.card["num_attempts"]))
+    assert all(type(array) is np.ndarray for part in parts for array in part.arrays.values())  # no memory maps

@@ -121,9 +121,11 @@ def test_every_layer_of_the_encoder_is_the_networks(action_space: str) -> None:
     assert encoder is not None
     maps = torch.from_numpy(labels)
     ours = encoder.maps(labels)
+    layers = network.encoder.layers
+    assert isinstance(layers, nn.Sequential)
     activated = []
     with torch.no_grad():
-        for layer in network.encoder.layers:
+        for layer in layers:
             maps = layer(maps)
             if isinstance(layer, nn.LeakyReLU):
                 activated.append(maps.permute(0, 2, 3, 1).numpy())
@@ -140,7 +142,10 @@ class Distance(Observation):
     name = "distance"
     dtype = np.float32
     low, high = 0.0, 10.0
-    shape = (2,)
+
+    @property
+    def shape(self):
+        return (2,)
 
     def __call__(self, scene, state):
         offset = state.object_poses[0, :2] - scene.target.position

@@ -16,8 +16,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from pipelines import evaluate, execution, generate_demos
+from pipelines import evaluate, generate_demos
 from pipelines.config import EvaluateConfig, ExecutorConfig, GenerateDemosConfig
+from pipelines.points import compose_points, prepare
+from pipelines.workflow import executor as workflow_executor
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import run_tasks
 from pipelines.workflow.tracking import open_run
@@ -95,7 +97,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 def generate(work: Path, *executor: str) -> dict[str, bytes]:
     config = compose("generate_demos", GenerateDemosConfig, [*SETTINGS, *executor])
     with pytest.MonkeyPatch.context() as patch, open_run(config, "generate_demos", "test") as run:
-        patch.setattr(generate_demos, "_write_pictures", lambda *_: None)
+        patch.setattr(generate_demos, "write_pictures", lambda *_: None)
         folder = generate_demos.generate(config, work, run)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -124,7 +126,7 @@ def test_evaluation_gives_the_same_rows(tmp_path: Path, cluster: Cluster) -> Non
         config = compose("evaluate", EvaluateConfig, [*settings, *executor])
         (tmp_path / name).mkdir()
         with open_run(config, "evaluate", "test") as run:
-            folder = evaluate.evaluate(config, evaluate.prepare(evaluate.compose_points(config)), tmp_path / name, run)
+            folder = evaluate.evaluate(config, prepare(compose_points(config)), tmp_path / name, run)
         tables.append(pd.read_parquet(folder / "episodes.parquet").drop(columns=TIMES))
     pd.testing.assert_frame_equal(*tables)
 
@@ -160,7 +162,7 @@ def test_a_worker_that_dies_in_the_middle_changes_no_byte(
     tmp_path: Path, cluster: Cluster, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last test here: it leaves one worker."""
-    undisturbed = execution.run_tasks
+    undisturbed = workflow_executor.run_tasks
     victim = cluster.workers[0]
 
     def with_a_death(function: Callable[[Any], Any], items: Any, executor: ExecutorConfig) -> Iterator[Any]:
@@ -170,7 +172,7 @@ def test_a_worker_that_dies_in_the_middle_changes_no_byte(
                 assert victim.wait() == -signal.SIGKILL
             yield result
 
-    monkeypatch.setattr(execution, "run_tasks", with_a_death)
+    monkeypatch.setattr(workflow_executor, "run_tasks", with_a_death)
     assert generate(tmp_path, *on(cluster)) == reference
     assert victim.poll() is not None
     assert cluster.workers[1].poll() is None
@@ -180,13 +182,13 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch)
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{unused.getsockname()[1]}"
-    monkeypatch.setattr(execution, "CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(workflow_executor, "CONNECTION_TIMEOUT_S", 1.0)
     with pytest.raises(ConfigError, match=f"no Dask scheduler answers at .*{address}"):
         list(run_tasks(fail, range(3), ExecutorConfig("dask", None, address)))
 
 
 def test_a_scheduler_without_workers_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(execution, "CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(workflow_executor, "CONNECTION_TIMEOUT_S", 1.0)
     empty = Cluster(tmp_path)
     try:
         with pytest.raises(ConfigError, match=r"has no worker; start some with dask"):

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipelines import execution, generate_demos
+from pipelines import generate_demos
 from pipelines.config import ExecutorConfig, GenerateDemosConfig
+from pipelines.workflow import executor as workflow_executor
 from pipelines.workflow.app import compose
 from pipelines.workflow.tracking import open_run
 from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.errors import ConfigError, DataError
-from visualrhp.learning import demonstrations
+from visualrhp.files import full_disk_noticed
 
 SETTINGS = (
     "scale=smoke",
@@ -35,7 +36,7 @@ SETTINGS = (
 
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate_demos, "_write_pictures", lambda *_: None)
+    monkeypatch.setattr(generate_demos, "write_pictures", lambda *_: None)
 
 
 def configure(*overrides: str) -> GenerateDemosConfig:
@@ -55,7 +56,7 @@ def content(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(generate_demos, "_write_pictures", lambda *_: None)
+        patch.setattr(generate_demos, "write_pictures", lambda *_: None)
         return content(generate(tmp_path_factory.mktemp("reference")))
 
 
@@ -85,7 +86,7 @@ def test_interrupted_and_restarted_makes_the_same_bytes_and_keeps_finished_block
     tmp_path: Path, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     attempted: list[range] = []
-    undisturbed = execution.run_tasks
+    undisturbed = workflow_executor.run_tasks
 
     def interrupted_after_two(
         function: Callable[[Any], Any], items: Iterable[Any], executor: ExecutorConfig
@@ -96,7 +97,7 @@ def test_interrupted_and_restarted_makes_the_same_bytes_and_keeps_finished_block
             if number == 1:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(execution, "run_tasks", interrupted_after_two)
+    monkeypatch.setattr(workflow_executor, "run_tasks", interrupted_after_two)
     restarts = 0
     while True:
         try:
@@ -110,7 +111,7 @@ def test_interrupted_and_restarted_makes_the_same_bytes_and_keeps_finished_block
     assert content(folder) == reference
 
 
-def test_a_damaged_block_is_made_again(tmp_path: Path, reference: dict[str, bytes]) -> None:
+def test_a_damaged_block_is_generated_again(tmp_path: Path, reference: dict[str, bytes]) -> None:
     generate(tmp_path)
     block = tmp_path / "blocks" / "block-000001.npz"
     before = block.read_bytes()
@@ -128,7 +129,7 @@ def published(tmp_path: Path, reference: dict[str, bytes]) -> Path:
 
 
 @pytest.mark.parametrize(("number", "how"), [(0, "truncated"), (1, "bit-flipped"), (2, "missing")])
-def test_a_damaged_shard_is_named_and_made_again(
+def test_a_damaged_shard_is_named_and_generated_again(
     tmp_path: Path, reference: dict[str, bytes], caplog: pytest.LogCaptureFixture, number: int, how: str
 ) -> None:
     folder = published(tmp_path, reference)
@@ -144,28 +145,28 @@ def test_a_damaged_shard_is_named_and_made_again(
         path.write_bytes(data)
     with pytest.raises(DataError, match=path.name):
         DemonstrationSet.open(folder)
-    assert generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert generate_demos.is_published(configure(), folder, tmp_path / "work")
     assert path.name in caplog.text
     assert content(folder) == reference
     assert {name: (folder / name).stat().st_mtime_ns for name in untouched} == untouched
 
 
-def test_what_something_else_has_made_is_not_mended(tmp_path: Path, reference: dict[str, bytes]) -> None:
+def test_a_set_of_other_code_or_configuration_is_not_repaired(tmp_path: Path, reference: dict[str, bytes]) -> None:
     folder = published(tmp_path, reference)
     (folder / "shard-00001.npz").unlink()
-    assert not generate_demos.mend(configure("seed=1"), folder, tmp_path / "work")
-    assert not generate_demos.mend(configure(), tmp_path / "nothing", tmp_path / "work")
+    assert not generate_demos.is_published(configure("seed=1"), folder, tmp_path / "work")
+    assert not generate_demos.is_published(configure(), tmp_path / "nothing", tmp_path / "work")
     card = json.loads(reference["card.json"])
     (folder / "card.json").write_text(json.dumps(card | {"commit": "0" * 40}))
-    assert not generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert not generate_demos.is_published(configure(), folder, tmp_path / "work")
     assert not (tmp_path / "work").exists()
-    card["shards"][1]["sha256"] = "0" * 64  # made again, it is another one
+    card["shards"][1]["sha256"] = "0" * 64  # it differs when generated again
     (folder / "card.json").write_text(json.dumps(card))
-    assert not generate_demos.mend(configure(), folder, tmp_path / "work")
+    assert not generate_demos.is_published(configure(), folder, tmp_path / "work")
     assert not (folder / "shard-00001.npz").exists()
 
 
-def test_a_whole_set_is_left_as_it_is_if_the_code_is_known(
+def test_an_intact_set_is_not_changed_if_the_code_is_known(
     tmp_path: Path, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = published(tmp_path, reference)
@@ -173,11 +174,11 @@ def test_a_whole_set_is_left_as_it_is_if_the_code_is_known(
     for commit, is_known in (("1" * 40, True), (f"{'1' * 40}-dirty", False), (None, False)):
         monkeypatch.setattr("pipelines.workflow.artefacts.git_commit", lambda commit=commit: commit)
         (folder / "card.json").write_text(json.dumps(card | {"commit": commit}))
-        assert generate_demos.mend(configure(), folder, tmp_path / "work") == is_known
+        assert generate_demos.is_published(configure(), folder, tmp_path / "work") == is_known
 
 
 # -------------------------------------------------- a full disk
-def test_a_full_disk_is_explained_keeps_finished_shards_and_is_gone_on_from(
+def test_a_full_disk_is_explained_and_generation_resumes_from_the_finished_shards(
     tmp_path: Path, reference: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The disk is full in the middle of the third shard."""
@@ -191,7 +192,7 @@ def test_a_full_disk_is_explained_keeps_finished_shards_and_is_gone_on_from(
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         intact(file, **arrays)
 
-    monkeypatch.setattr(demonstrations.np, "savez", on_a_full_disk)
+    monkeypatch.setattr(np, "savez", on_a_full_disk)
     with (
         pytest.raises(DataError, match=r"no space left .* rerun the command to resume"),
         generate_demos.a_full_disk_explained(tmp_path),
@@ -201,7 +202,7 @@ def test_a_full_disk_is_explained_keeps_finished_shards_and_is_gone_on_from(
     assert kept == {name: reference[name] for name in ("shard-00000.npz", "shard-00001.npz")}
     blocks = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "blocks").iterdir()}
     monkeypatch.undo()
-    monkeypatch.setattr(generate_demos, "_write_pictures", lambda *_: None)
+    monkeypatch.setattr(generate_demos, "write_pictures", lambda *_: None)
     assert content(generate(tmp_path)) == reference
     assert {name: (tmp_path / "blocks" / name).stat().st_mtime_ns for name in blocks} == blocks
 
@@ -231,21 +232,21 @@ def test_a_disk_that_the_video_filled_is_a_full_disk(tmp_path: Path, monkeypatch
     with (
         pytest.raises(DataError, match="no space left"),
         generate_demos.a_full_disk_explained(tmp_path),
-        generate_demos._full_disk_noticed(tmp_path),
+        full_disk_noticed(tmp_path),
     ):
         pass
     monkeypatch.undo()
-    with generate_demos._full_disk_noticed(tmp_path):
+    with full_disk_noticed(tmp_path):
         pass
 
 
-def test_other_errors_are_not_taken_for_a_full_disk(tmp_path: Path) -> None:
+def test_other_errors_are_not_reported_as_a_full_disk(tmp_path: Path) -> None:
     for error in (PermissionError(errno.EACCES, "no"), ValueError("no")):
         with pytest.raises(type(error), match="no"), generate_demos.a_full_disk_explained(tmp_path):
             raise error
 
 
-def test_what_a_killed_process_was_writing_is_removed(tmp_path: Path, reference: dict[str, bytes]) -> None:
+def test_unfinished_files_of_a_killed_process_are_removed(tmp_path: Path, reference: dict[str, bytes]) -> None:
     for folder in ("set", "blocks"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / ".shard-00000.ab12.tmp.npz").write_bytes(b"half")
@@ -258,7 +259,7 @@ def test_another_seed_makes_another_set(tmp_path: Path, reference: dict[str, byt
     assert other["shard-00000.npz"] != reference["shard-00000.npz"]
 
 
-def test_a_planner_without_a_chance_is_given_up(tmp_path: Path) -> None:
+def test_generation_ends_if_the_planner_solves_hardly_any_task(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"solved 0 of 200 .* planner\.max_simulations"):
         generate(tmp_path, "planner.max_simulations=1", "planner.num_children=1", "planner.num_directed=0", "seed=4")
 

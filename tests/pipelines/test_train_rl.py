@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipelines.config import TrainRLConfig
-from pipelines.train_rl import _input_hashes, make_learner, summary, train_part
+from pipelines.train_rl import input_hashes, make_learner, summary, train_part
 from pipelines.training import parts_of
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import single_threaded
@@ -46,7 +46,7 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 
 def test_a_killed_training_goes_on_to_the_same_networks(outputs, monkeypatch):
-    monkeypatch.setattr("pipelines.train_rl._SAVE_INTERVAL_S", 0.0)
+    monkeypatch.setattr("pipelines.train_rl.SAVE_INTERVAL_S", 0.0)
     config = configure(outputs, "learner.iterations=3", "learner.lr=1e-3")
     (part,) = parts_of(config)
     folders = outputs / "whole", outputs / "killed"
@@ -95,14 +95,14 @@ def test_summary_names_the_initial_the_best_and_the_last():
 
 def test_networks_that_do_not_fit_are_refused_before_any_work(outputs):
     with pytest.raises(CheckpointError, match=r"_m1\.safetensors"):
-        _input_hashes(configure(outputs, f"heuristic={outputs}/nowhere"))
+        input_hashes(configure(outputs, f"heuristic={outputs}/nowhere"))
     other_space = outputs / "train_il/discrete/cartesian"
     with pytest.raises(CheckpointError, match="action_space=discrete"):
-        _input_hashes(configure(outputs, f"heuristic={other_space}"))
+        input_hashes(configure(outputs, f"heuristic={other_space}"))
     image = outputs / "train_il/continuous/image"
     (image / "heuristic.safetensors").rename(image / "heuristic_m1.safetensors")
     with pytest.raises(CheckpointError, match="observation=cartesian"):
-        _input_hashes(configure(outputs, f"heuristic={image}"))
+        input_hashes(configure(outputs, f"heuristic={image}"))
 
 
 @pytest.mark.parametrize("algorithm", ["c3po", "ppo"])

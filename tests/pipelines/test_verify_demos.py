@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from pipelines import verify_demos
 from pipelines.config import GenerateDemosConfig, VerifyDemosConfig
-from pipelines.generate_demos import _ingredients
 from pipelines.verify_demos import main, verify
 from pipelines.workflow.app import compose
 from pipelines.workflow.artefacts import card
@@ -30,7 +27,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureReques
     config = compose("generate_demos", GenerateDemosConfig, settings)
     folder = tmp_path_factory.mktemp(request.param)
     writer = DemonstrationWriter(folder, request.param, 12, shard_size=5)
-    writer.add(generate_block(range(16), **_ingredients(config)))
+    writer.add(generate_block(range(16), config.scene, request.param, config.planner, config.seed, config.physics))
     writer.finish(**card(config, "generate_demos"))
     return request.param, folder
 
@@ -48,7 +45,7 @@ def test_all_replay_and_are_counted(
     path = verify(configure(space, folder, tmp_path, f"executor.num_workers={num_workers}"))
     of_set = json.loads((folder / "card.json").read_text())
     said = capsys.readouterr().out
-    assert said.startswith(f"12 of 12 demonstrations ({of_set['num_transitions']} transitions) replay to the bit")
+    assert said.startswith(f"12 of 12 demonstrations ({of_set['num_transitions']} transitions) replay bit-exactly")
     content = json.loads(path.read_text())
     assert content["demonstrations"] == 12 and content["content_hash"] == of_set["content_hash"]
 
@@ -95,7 +92,7 @@ def test_other_physics_than_the_cards_would_be_noticed(
     (other / "card.json").write_text(json.dumps(about))
     with pytest.raises(DataError, match=r"of 12 demonstrations .* do not replay: shard-0000"):
         verify(configure(space, other, tmp_path))
-    for physics, words in (({"no_such_key": 1}, "no_such_key"), (None, "does not say")):
+    for physics, words in (({"no_such_key": 1}, "no_such_key"), (None, "does not have the parameters")):
         about["config"]["physics"] = physics
         if physics is None:
             del about["config"]
@@ -129,15 +126,3 @@ def test_no_set_and_a_damaged_one_are_named_and_the_command_fails(
     assert "shard-00002.npz has 0 bytes" in capsys.readouterr().err
     with pytest.raises(DataError, match="needs its own"):
         verify(configure(SPACES[space == "continuous"], whole, tmp_path))
-
-
-def test_blocks_are_the_set(made: tuple[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    from visualrhp.demonstrations.dataset import DemonstrationSet
-
-    monkeypatch.setattr(verify_demos, "_BLOCK_SIZE", 2)
-    stored = DemonstrationSet.open(made[1])
-    physics = verify_demos.physics_of(stored, "")
-    parts = list(verify_demos.blocks(stored, physics))
-    indices = np.concatenate([part.arrays["index"] for part in parts])
-    assert indices.tolist() == list(range(stored.card["num_attempts"]))
-    assert all(type(array) is np.ndarray for part in parts for array in part.arrays.values())  # no map of a file

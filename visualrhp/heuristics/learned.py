@@ -22,8 +22,7 @@ class LearnedHeuristic(Heuristic):
     """Guidance by a network: the softmax of action values, or a Gaussian policy with its value.
 
     The weights are copied: make a new heuristic when the weights of a network in training have changed. The guidance
-        for
-    a state does not depend on the other states in the batch.
+    for a state does not depend on the other states in the batch.
 
     Args:
         weights: of the network, by their names in PyTorch's state dict.

@@ -38,9 +38,9 @@ _HUGE = 1e30
 """A mass or moment of inertia that impulses cannot move; only a set velocity does."""
 _NUM_SUPPORTS = 5  # odd: the friction of four depends on the direction of sliding
 _STEPS_BETWEEN_LOOKS = 5
-_PATIENCE = 50
+PATIENCE = 50
 """Settling steps after which the solver iterates more: bodies that still move are jammed in the gripper."""
-_MORE_ITERATIONS = 4
+MORE_ITERATIONS = 4
 
 
 def add_object(world: ChipmunkWorld, shape: ObjectShape, gravity: float) -> Body:
@@ -181,8 +181,8 @@ class Simulator:
     def _settle(self, space: Space) -> None:
         physics = self.physics
         for steps in range(0, physics.settle_steps, _STEPS_BETWEEN_LOOKS):
-            if steps == _PATIENCE:
-                lib.cpSpaceSetIterations(space, _MORE_ITERATIONS * physics.iterations)
+            if steps == PATIENCE:
+                lib.cpSpaceSetIterations(space, MORE_ITERATIONS * physics.iterations)
             self.step(space, _STEPS_BETWEEN_LOOKS)
             if self.world.top_speed(space) < physics.rest_speed:
                 break
