@@ -57,7 +57,8 @@ def privates(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("setattr"):
             for argument in node.args[:2]:
                 value = argument.value if isinstance(argument, ast.Constant) else None
-                if isinstance(value, str) and value.rpartition(".")[2].startswith("_"):
+                name = value.rpartition(".")[2] if isinstance(value, str) else ""
+                if name.startswith("_") and not name.startswith("__"):
                     yield f"line {node.lineno}: {value}"
 
 

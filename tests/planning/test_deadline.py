@@ -25,7 +25,7 @@ from visualrhp.types import Action, State, Transition
 GAMMA = 0.5
 
 
-class Rollout:
+class SlowRollout:
     """An action that takes time."""
 
     def __init__(self, clock: Clock, duration: float) -> None:
@@ -50,7 +50,7 @@ def test_the_parts_of_a_decision_add_up() -> None:
     clock = Clock()
     decision = DecisionClock(clock, None)
     guide(decision, clock, 3.0, observation_s=0.5)
-    assert decision.simulate([Rollout(clock, 2.0), Rollout(clock, 4.0)])
+    assert decision.simulate([SlowRollout(clock, 2.0), SlowRollout(clock, 4.0)])
     guide(decision, clock, 1.0, observation_s=0.25)
     clock.now += 8.0  # neither simulation nor heuristic
     assert decision.timing() == Timing(total_s=18.0, simulation_s=6.0, observation_s=0.75, heuristic_s=3.25)
@@ -59,11 +59,11 @@ def test_the_parts_of_a_decision_add_up() -> None:
 def test_no_action_begins_after_the_deadline_and_a_late_one_is_measured() -> None:
     clock = Clock()
     decision = DecisionClock(clock, 5.0)
-    rollouts = [Rollout(clock, 3.0) for _ in range(4)]
+    rollouts = [SlowRollout(clock, 3.0) for _ in range(4)]
     assert not decision.simulate(rollouts)
     assert [rollout.num_simulated for rollout in rollouts] == [1, 1, 0, 0]
     assert decision.timing() == Timing(total_s=6.0, simulation_s=6.0, observation_s=0.0, heuristic_s=0.0)
-    on_time = [Rollout(clock, 3.0) for _ in range(2)]
+    on_time = [SlowRollout(clock, 3.0) for _ in range(2)]
     assert DecisionClock(clock, 5.0).simulate(on_time)  # the last may be late
 
 
@@ -180,7 +180,8 @@ def test_several_tasks_share_a_deadline(line_world: Callable[..., Any]) -> None:
 
 
 def test_without_a_deadline_no_time_counts(line_world: Callable[..., Any]) -> None:
-    quick = rhp(ScriptedHeuristic({cell: -float(cell) for cell in range(99)}), n=4, h=3)
+    heuristic = ScriptedHeuristic({cell: -float(cell) for cell in range(99)})
+    quick = RecedingHorizon(heuristic, num_rollouts=4, horizon=3, discount=GAMMA)
     slow, _ = decide_in_time(line_world(goal=90), None, n=4, h=3)
     assert slow == quick.plan(line_world(goal=90), at(5), np.random.default_rng(0))
 

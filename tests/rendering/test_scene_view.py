@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.rendering.samples import SCENE, SQUARE, STATE, pixel
+from tests.rendering.samples import SCENE, STATE, pixel
 from visualrhp.observation.label_image import PALETTE, label_image
 from visualrhp.rendering.drawing import BACKGROUND, DESIRED, MARGIN, OBSTACLE, ROBOT, SURFACE
 from visualrhp.rendering.frames import render_frame
@@ -53,15 +53,6 @@ def test_the_trail_marks_where_gripper_and_desired_object_have_been():
     assert not changed[row - 2 : row + 3, column - 2 : column + 3].any()
 
 
-def test_a_surface_need_not_be_a_square():
-    triangle = np.array([[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25]])
-    scene = Scene(TargetRegion(np.array([-0.15, 0.0])), (ObjectShape(SQUARE),), triangle)
-    state = State.create([-0.1, -0.15, 0.0], 0.085, False, [[0.0, -0.15, 0.0]])
-    frame = render_frame(scene, state, size_px=240)
-    assert tuple(frame[pixel((0.15, 0.15), 240)]) == BACKGROUND
-    assert tuple(frame[pixel((-0.22, -0.15), 240)]) == SURFACE
-
-
 def test_an_outline_need_not_be_convex():
     corner = np.array([[-0.05, -0.05], [0.05, -0.05], [0.05, -0.02], [-0.02, -0.02], [-0.02, 0.05], [-0.05, 0.05]])
     shape = ObjectShape.centred(corner)
@@ -71,28 +62,6 @@ def test_an_outline_need_not_be_convex():
     for inside in ((0.03, -0.035), (-0.035, 0.03)):
         assert tuple(frame[pixel(inside + shift, 480)]) == DESIRED
     assert tuple(frame[pixel(np.array([0.03, 0.03]) + shift, 480)]) == SURFACE
-
-
-@pytest.mark.parametrize("size_px", [240, 480])
-def test_a_larger_surface_is_drawn_whole_with_lines_as_bold(size_px):
-    edges = np.array(
-        [[-1.2, -0.4], [1.2, -0.4], [1.2, 0.4], [0.2, 0.4], [0.2, 0.0], [-0.2, 0.0], [-0.2, 0.4], [-1.2, 0.4]]
-    )
-    scene = Scene(TargetRegion(np.array([0.8, 0.2])), (ObjectShape(SQUARE),), edges)
-    state = State.create([-0.8, 0.0, 0.0], 0.085, False, [[0.5, -0.2, 0.0]])
-    frame = render_frame(scene, state, size_px=size_px)
-
-    def place(x, y):
-        extent = 2.4 + 2 * MARGIN
-        return round((extent / 2 - y) / extent * size_px), round((x + extent / 2) / extent * size_px)
-
-    assert tuple(frame[place(0.02, 0.2)]) == BACKGROUND  # the bay
-    assert tuple(frame[place(-1.05, 0.25)]) == SURFACE
-    row, column = place(0.65, 0.4)
-    dark = (frame[row - 6 : row + 7, column].astype(int).sum(axis=1) < 300).sum()
-    usual = render_frame(SCENE, STATE, size_px=size_px)
-    row, column = pixel((0.05, 0.25), size_px)
-    assert dark == pytest.approx((usual[row - 6 : row + 7, column].astype(int).sum(axis=1) < 300).sum(), abs=1)
 
 
 def test_the_inset_shows_the_label_image_in_the_emptiest_corner():

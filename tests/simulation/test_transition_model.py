@@ -1,12 +1,11 @@
-"""Reward, goal and validity by hand (Sec. 4 and 7)."""
+"""Transitions by hand: reward, goal and drop (Sec. 4 and 7)."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from visualrhp.scene import ObjectShape, Scene, TargetRegion
-from visualrhp.simulation import DISCOUNT, MAX_EPISODE_ACTIONS, DiscreteActionSpace, TransitionModel
+from visualrhp.simulation import DiscreteActionSpace, TransitionModel
 from visualrhp.types import State
 
 BOX = ObjectShape([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
@@ -19,27 +18,6 @@ def state_with(*objects: tuple[float, float]) -> State:
 @pytest.fixture
 def model() -> TransitionModel:
     return TransitionModel(Scene(TargetRegion([0.1, 0.0], 0.07), (BOX, BOX)), DiscreteActionSpace())
-
-
-def test_constants_are_the_papers() -> None:
-    assert DISCOUNT == 0.995
-    assert MAX_EPISODE_ACTIONS == 49  # success in under 50 actions
-
-
-@pytest.mark.parametrize(("x", "goal"), [(0.031, True), (0.029, False), (0.169, True), (0.171, False)])
-def test_goal_is_the_desired_objects_centre_within_the_radius(model: TransitionModel, x: float, goal: bool) -> None:
-    assert model.is_goal(state_with((x, 0.0), (0.1, 0.2))) is goal
-    assert model.is_goal(state_with((-0.1, 0.2), (x, 0.0))) is False  # obstacles do not count
-
-
-@pytest.mark.parametrize(("x", "dropped"), [(0.249, False), (0.251, True), (-0.251, True)])
-def test_an_object_is_dropped_when_its_centre_leaves_the_edges(model: TransitionModel, x: float, dropped: bool) -> None:
-    assert model.is_dropped(state_with((0.0, 0.0), (x, 0.1))) is dropped
-    assert model.is_dropped(state_with((0.1, x), (0.0, 0.1))) is dropped
-
-
-def test_the_robot_may_reach_beyond_the_edges(model: TransitionModel) -> None:
-    assert not model.is_dropped(State.create([-0.4, 0.0, 0.0], 0.085, False, np.zeros((2, 3))))
 
 
 def test_pushing_into_the_target_is_the_goal(model: TransitionModel) -> None:

@@ -1,4 +1,4 @@
-"""N tasks solved side by side, as one torchrl environment."""
+"""N tasks in parallel, as one torchrl environment."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class BatchedClutterEnv(EnvBase):
 
     One environment holds all tasks because the step of a torchrl environment costs as much as simulating an action.
     Slot i solves task instances i, i + N, i + 2 N, ... of (distribution, seed, split), so the tasks do not depend on
-    the order in which episodes end. Scenes, states and models are Python objects that a planner can work on
+    the order in which episodes end. Planners use the scenes, states and models
     (:attr:`scenes`, :attr:`states`, :attr:`models`).
 
     Entries of the tensordicts (N slots):
@@ -61,10 +61,10 @@ class BatchedClutterEnv(EnvBase):
         seed: of the task instances.
         split: stream of the task instances.
         physics: of the simulation.
-        num_workers: processes that simulate and draw, each a share of the slots; 0 is this process. None chooses: one
-            process per core, if there are several and each gets enough slots (see
-            :mod:`visualrhp.environments.backends`). Results do not depend on it. Workers
-            start with the first reset and end with :meth:`close`, the environment or this process.
+        num_workers: worker processes beside this one; every process, this one included, simulates and draws an equal
+            share of the slots. None: one process per core, this one included, with at least 2 slots each; no workers
+            in a child process of multiprocessing or joblib. Results do not depend on it. Workers start with the first
+            reset and end with :meth:`close`, the environment or this process.
 
     Attributes:
         observe: scene and state -> observation.
@@ -87,9 +87,9 @@ class BatchedClutterEnv(EnvBase):
         num_workers: int | None = None,
     ) -> None:
         if num_envs < 1:
-            raise ConfigError(f"num_envs is the number of tasks solved side by side and at least 1, not {num_envs}")
+            raise ConfigError(f"num_envs is the number of parallel tasks and at least 1, not {num_envs}")
         if num_workers is not None and num_workers < 0:
-            raise ConfigError(f"num_workers is a number of processes, 0 for none beside this one, not {num_workers}")
+            raise ConfigError(f"num_workers is the number of worker processes and at least 0, not {num_workers}")
         super().__init__(device=torch.device("cpu"), batch_size=(num_envs,))
         self.distribution = distribution
         self.split = split
@@ -104,7 +104,7 @@ class BatchedClutterEnv(EnvBase):
 
     @property
     def num_envs(self) -> int:
-        """Number N of tasks solved side by side."""
+        """Number N of parallel tasks."""
         return self.batch_size[0]
 
     @property
@@ -129,7 +129,7 @@ class BatchedClutterEnv(EnvBase):
 
     @property
     def num_actions(self) -> list[int]:
-        """How many actions each of the N episodes has taken."""
+        """Number of actions taken in each of the N episodes."""
         return self._started.arrays.num_actions.tolist()
 
     @property
@@ -188,7 +188,7 @@ class BatchedClutterEnv(EnvBase):
         backend, arrays = self._started, self._started.arrays
         actions: Any = tensordict["action"]
         arrays.action[:] = self._checked(actions.numpy())
-        # set by torchrl for the tasks that are over while it waits for the others
+        # torchrl excludes tasks that are over while it waits for the others
         active = tensordict.get("_step", None)
         arrays.is_active[:] = True if active is None else active.reshape(self.num_envs).numpy()
         arrays.reward[:] = 0.0
@@ -267,7 +267,7 @@ class BatchedClutterEnv(EnvBase):
         if tuple(snapshot["state"].shape) != expected:
             raise CheckpointError(
                 f"the checkpoint holds environment states of shape {list(snapshot['state'].shape)}, and this "
-                f"environment needs {list(expected)}: another number of environments or objects wrote it"
+                f"environment needs {list(expected)}: it was written with another number of environments or objects"
             )
         self._next_indices = snapshot["next_index"].tolist()
         instances, num_actions = snapshot["instance"].tolist(), snapshot["num_actions"].tolist()
@@ -282,7 +282,7 @@ class BatchedClutterEnv(EnvBase):
             backend.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy continues from the state of this environment, with its own backend."""
+        """A copy resumes from the state of this environment, with its own backend."""
         state = {**super().__getstate__(), "backend": None}
         return {**state, "_snapshot": None if self.backend is None else self.snapshot()}
 

@@ -22,7 +22,7 @@ from visualrhp.streams import Split
 from visualrhp.types import Action, ActionSpaceName, ObjectSize, Outcome, State
 
 RESET_OPTIONS = ("instance", "scene", "state")
-"""What ``reset`` takes as options."""
+"""Options of ``reset``."""
 
 _SEED_BOUND = 2**31
 
@@ -35,7 +35,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
     ================== ============================== =======================================================
     key                space                          meaning
     ================== ============================== =======================================================
-    ``observation``    ``Box(0, 5, [64, 64], uint8)`` robot-centric label image (Sec. 5.1), or
+    ``observation``    ``Box(0, 5, [64, 64], uint8)`` gripper-centric label image (Sec. 5.1), or
                        ``Box(.., [4 m + 6], float32)`` Cartesian features (Sec. 7.5)
     ``gripper_closed`` ``Discrete(2)``                1: the gripper was last commanded to close
     ================== ============================== =======================================================
@@ -54,15 +54,15 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
 
     Task instances are a function of (seed, split, episode): ``reset(seed=s)`` starts instance 0 of seed s, every later
     ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k. ``reset(options={"scene": scene,
-    "state": state})`` starts a user-defined task from exactly there, and takes no instance off the stream;
-    without ``scene`` it is that of the running episode.
+    "state": state})`` starts a user-defined task from exactly that state and does not advance the stream of
+    instances; without ``scene``, the scene of the running episode is used.
 
     Args:
         action_space: ``discrete`` or ``continuous``.
         observation: ``image`` or ``cartesian`` (which needs a fixed number of objects).
         num_objects: objects in a scene, 1 to 7 in the paper: a number, or the fewest and the most.
         object_size: ``small``, ``mixed`` or ``large`` relative to the gripper.
-        split: which of the disjoint streams of task instances to draw from.
+        split: disjoint set of task instances to sample from.
         render_mode: None or ``rgb_array``.
 
     Raises:
@@ -92,7 +92,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         self._actions = make_action_space(action_space)
         self._is_discrete = self._actions.name == "discrete"
         self._episode: RunningEpisode | None = None
-        self._index = -1  # of the task instance; -1 for one that the caller gave
+        self._index = -1  # of the task instance; -1 for a user-defined task
         self.action_space = self._action_box()
         self.observation_space = gymnasium.spaces.Dict(
             {"observation": self._observation_box(), "gripper_closed": gymnasium.spaces.Discrete(2)}
@@ -147,8 +147,8 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         """Begin the next task instance, or the one chosen by ``seed`` and ``options`` (see the class).
 
         Raises:
-            ConfigError: an option is unknown, or contradicts another. After an error nothing has changed.
-            SceneError: the scene and the state cannot be simulated, or not be shown with Cartesian observations.
+            ConfigError: an option is unknown, or contradicts another. Nothing changes on an error.
+            SceneError: the scene and the state cannot be simulated, or the observations need another number of objects.
         """
         options = options or {}
         index = self._chosen_index(options)
@@ -167,7 +167,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return self._observation(), self._info(None)
 
     def _chosen_index(self, options: dict[str, Any]) -> int | None:
-        """The task instance that ``options`` ask for."""
+        """The index of the task instance in ``options``."""
         unknown = sorted(set(options) - set(RESET_OPTIONS))
         if unknown:
             raise ConfigError(f"reset got the unknown options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
@@ -181,7 +181,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return int(index)
 
     def _given_task(self, options: dict[str, Any]) -> TaskInstance | None:
-        """The task that ``options`` hold, checked."""
+        """The user-defined task in ``options``, validated."""
         scene, state = options.get("scene"), options.get("state")
         if scene is None and state is None:
             return None
@@ -223,7 +223,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         if not self._is_discrete:
             return np.asarray(action, dtype=np.float64)
         number: Any = np.asarray(action)
-        return number.item() if number.size == 1 else number  # what is no integer is refused by the action space
+        return number.item() if number.size == 1 else number  # the action space rejects what is not an integer
 
     def _observation(self) -> dict[str, Any]:
         episode = self._running()
@@ -244,7 +244,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         """[H, W, 3] uint8 RGB picture of the world, or None without a render mode."""
         if self.render_mode is None:
             return None
-        from visualrhp.rendering.frames import render_frame  # imported only for drawing
+        from visualrhp.rendering.frames import render_frame  # imported only to render
 
         return render_frame(self.scene, self.state)
 

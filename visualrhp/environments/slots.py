@@ -1,4 +1,4 @@
-"""The slots of a batched environment: N tasks side by side, and the arrays that hold their states.
+"""The slots of a batched environment: N parallel tasks, and the arrays that hold their states.
 
 :class:`SlotArrays` are one block of memory with one row per slot, so that a process can work on some rows of a block
 that it shares with others (:mod:`visualrhp.environments.backends`). Worker processes import this module, so it imports
@@ -59,7 +59,7 @@ class TaskFamily:
         return sample_task_instance(self.distribution, seed, self.split, index)
 
     def start(self, instance: TaskInstance, num_actions: int = 0) -> RunningEpisode:
-        """An episode of ``instance``, of which ``num_actions`` actions are over."""
+        """An episode of ``instance`` in which ``num_actions`` actions have been taken."""
         model = TransitionModel(instance.scene, make_action_space(self.action_space), self.physics)
         return RunningEpisode(SimulatedWorld(instance, model), num_actions)
 
@@ -69,7 +69,7 @@ class SlotArrays:
     """The state of N tasks: arrays over one block of memory, one row per slot.
 
     Attributes:
-        action: [N] int64 or [N, 4] float64, to be taken next.
+        action: [N] int64 or [N, 4] float64, the next actions.
         is_active: [N] bool, whether the slot takes part in the next step.
         observation: [N, 64, 64] uint8 or [N, 4 m + 6] float32.
         gripper_closed: [N] bool, the gripper was last commanded to close.

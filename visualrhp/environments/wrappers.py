@@ -1,4 +1,4 @@
-"""Other views of the Gymnasium environment's observations."""
+"""Wrappers of the Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from visualrhp.observation.label_image import IMAGE_SIZE, PALETTE
 
 
 class ColourImage(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
-    """Label images in the paper's six colours (Sec. 5.1), for libraries that recognize images by their shape.
+    """Label images in the paper's six colours (Sec. 5.1), for libraries that identify images by their shape.
 
-    ``observation`` becomes ``Box(0, 255, [64, 64, 3], uint8)``, RGB; the rest stays. Stable-Baselines3, for instance,
-    then reads it with a convolutional network, where it would flatten a label image.
+    ``observation`` becomes ``Box(0, 255, [64, 64, 3], uint8)``, RGB; the rest is unchanged. Stable-Baselines3, for
+    instance, then uses a convolutional network; it would flatten a label image.
 
     Args:
         env: environment with ``observation="image"``.
 
     Raises:
-        ConfigError: the environment shows no label images.
+        ConfigError: the environment does not return label images.
     """
 
     def __init__(self, env: gymnasium.Env[dict[str, Any], Any]) -> None:
         super().__init__(env)
         if not isinstance(env.observation_space, gymnasium.spaces.Dict):
-            raise ConfigError("ColourImage colours the observations of visualrhp/ClutterManipulation-v0")
+            raise ConfigError("ColourImage wraps visualrhp/ClutterManipulation-v0")
         spaces = env.observation_space.spaces
         labels = spaces.get("observation")
         if labels is None or labels.shape != (IMAGE_SIZE, IMAGE_SIZE) or labels.dtype != np.uint8:
-            raise ConfigError("ColourImage colours label images: make the environment with observation='image'")
+            raise ConfigError("ColourImage converts label images: make the environment with observation='image'")
         colours = gymnasium.spaces.Box(0, 255, (IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict({**spaces, "observation": colours})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The same observation with RGB for labels."""
+        """The observation with colours for labels."""
         return {**observation, "observation": PALETTE.take(observation["observation"], axis=0)}

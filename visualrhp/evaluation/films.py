@@ -1,4 +1,4 @@
-"""Videos of episodes: frames of what happened, encoded films, several films side by side."""
+"""Videos of episodes: frames, encoded films, several films side by side."""
 
 from __future__ import annotations
 

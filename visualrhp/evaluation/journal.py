@@ -1,4 +1,4 @@
-"""A file of finished results, which a killed run is resumed from."""
+"""A file of finished results, from which a killed run resumes."""
 
 from __future__ import annotations
 

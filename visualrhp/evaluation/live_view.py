@@ -16,7 +16,7 @@ class LiveView(EpisodeListener):
     """Draws every state and decision in a window at the pace of a video.
 
     Args:
-        window: is shown to.
+        window: shows the frames.
         renderer: of the episode's frames; it knows the initial state.
         fps: frames a second.
         hold_s: how long the end is shown [s].

@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: its content in words. No files are read or written here."""
+"""The report as one self-contained HTML page: its content as text. No files are read or written here."""
 
 from __future__ import annotations
 

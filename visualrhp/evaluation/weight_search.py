@@ -9,7 +9,7 @@ Three steps on disjoint task instances:
 3. check: the result and the first weights on further instances. Nothing is chosen by it.
 
 The records are a function of the parameters and the seed: a proposal depends on the finished trials before it and on a
-random stream of its own, and the episodes of a block, which may run in parallel, are summed in their order.
+separate random stream, and the episodes of a block, which may run in parallel, are summed in their order.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class SearchConfig:
     """The search.
 
     Attributes:
-        num_trials: sets of weights that are tried, the first of them those to start from.
+        num_trials: sets of weights that are tried, the first of them the initial ones.
         num_random_trials: of which are drawn at random before the model of the objective proposes.
         num_instances: task instances of a trial, per action space.
         block: instances between two evaluations of the pruner.
@@ -122,7 +122,7 @@ class TrialEpisode:
 
     @classmethod
     def of(cls, result: EpisodeResult) -> TrialEpisode:
-        """What counts of an episode."""
+        """The recorded part of the result of an episode."""
         angles = push_angles(result.scene, result.episode.states)
         return cls(
             result.success, result.dropped, result.num_actions, tuple(round(float(angle), 4) for angle in angles)
@@ -142,7 +142,7 @@ RunUnordered = Callable[[Sequence[TrialTask]], Iterable[tuple[TrialTask, TrialEp
 
 
 def run_once(run: RunUnordered, journal: Journal) -> RunEpisodes:
-    """Let each episode run once: finished ones are taken from ``journal``, the others are run and recorded there.
+    """Run each episode once: finished ones are read from ``journal``, the others are run and recorded there.
 
     Args:
         run: runs the episodes that are missing.
@@ -159,7 +159,7 @@ def run_once(run: RunUnordered, journal: Journal) -> RunEpisodes:
 
 
 def objective(episodes: Sequence[TrialEpisode], action_cost: float) -> float:
-    """Mean of [success] - ``action_cost`` * actions / 49, where a failure counts 49 actions, however early it came."""
+    """Mean of [success] - ``action_cost`` * actions / 49, where a failure counts 49 actions, however early it is."""
     scores = [
         1.0 - action_cost * episode.num_actions / MAX_EPISODE_ACTIONS if episode.success else -action_cost
         for episode in episodes

@@ -1,4 +1,4 @@
-"""What a search for weights found: a table of its trials, and numbers and lines about them."""
+"""Results of a search for weights: a table of its trials, and their summaries."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def record_summary(record: TrialRecord) -> dict[str, Any]:
 
 
 def result_card(result: SearchResult) -> dict[str, Any]:
-    """What a search found, as JSON."""
+    """The result of a search, as JSON."""
     return {
         "best": {"trial": result.best.trial, "weights": result.weights},
         "num_trials": len(result.searched),

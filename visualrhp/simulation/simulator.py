@@ -41,6 +41,7 @@ _STEPS_BETWEEN_LOOKS = 5
 PATIENCE = 50
 """Settling steps after which the solver iterates more: bodies that still move are jammed in the gripper."""
 MORE_ITERATIONS = 4
+"""The solver then iterates this many times as often."""
 
 
 def add_object(world: ChipmunkWorld, shape: ObjectShape, gravity: float) -> Body:

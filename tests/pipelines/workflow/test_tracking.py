@@ -116,10 +116,8 @@ def test_the_machine_is_recorded(configure: Callable[..., TrainILConfig], client
 def test_dvc_and_git_are_named(
     configure: Callable[..., TrainILConfig], client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pipelines import tracking
-
     monkeypatch.setenv("DVC_STAGE", "train_il@continuous-image")
-    monkeypatch.setattr(tracking, "git_commit", lambda: "0123abc")
+    monkeypatch.setattr("pipelines.workflow.tracking.git_commit", lambda: "0123abc")
     with open_run(configure(), "train_il", "under DVC") as run:
         pass
     tags = client.get_run(run.id).data.tags
