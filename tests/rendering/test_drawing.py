@@ -216,7 +216,7 @@ def test_a_text_is_shortened_as_little_as_necessary() -> None:
         assert text_width(short, 18, 500) <= width
         if short:
             kept = short.removesuffix("...")
-            assert short.endswith("...") and words.startswith(kept)
+            assert short.endswith("...") and words.startswith(kept) and kept == kept.rstrip()
             next_letter = len(kept) + (words[len(kept)] == " ")
             assert text_width(words[: next_letter + 1] + "...", 18, 500) > width
     assert shortened(words, 1, 18, 500) == ""

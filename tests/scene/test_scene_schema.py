@@ -51,6 +51,7 @@ def test_integers_are_numbers_and_lists_are_points() -> None:
         (content(robot={"opening": -1e-9}), ("robot", "opening")),
         (content(robot={"opening": MAX_STROKE + 1e-9}), ("robot", "opening")),
         (content(robot={"pose": [0.0, 0.0, 6.3]}), ("robot", "pose", 2)),
+        (content(robot={"pose": [0.0, 0.0, -6.3]}), ("robot", "pose", 2)),
         (content(robot={"pose": [0.0, 0.0, math.nan]}), ("robot", "pose", 2)),
         (content(gripper={"stroke": MAX_STROKE + 1e-9}), ("gripper", "stroke")),
         (content(gripper={"palm_length": 0.0}), ("gripper", "palm_length")),
