@@ -11,9 +11,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import visualrhp
-from visualrhp.environments import ClutterManipulation, ColourImage
+from visualrhp.environments import ClutterManipulation
 from visualrhp.errors import ActionError, ConfigError, SceneError
-from visualrhp.observation.label_image import PALETTE, label_image
+from visualrhp.observation.label_image import label_image
 from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.streams import Split
 from visualrhp.types import State
@@ -197,19 +197,6 @@ def test_an_observation_is_not_written_over_by_the_next():
     kept = first["observation"].copy()
     env.step(np.array([0.5, 0.0, 0.5, 0.0]))
     np.testing.assert_array_equal(first["observation"], kept)
-
-
-def test_colours_label_images():
-    env = ColourImage(gymnasium.make(ENVIRONMENT, action_space="discrete"))
-    seen, _ = env.reset(seed=0)
-    for _ in range(3):
-        labels = label_image(env.unwrapped.scene, env.unwrapped.state)
-        assert seen in env.observation_space
-        for label, colour in enumerate(PALETTE):
-            assert (seen["observation"][labels == label] == colour).all()
-        seen, *_ = env.step(env.action_space.sample())
-    with pytest.raises(ConfigError, match="image"):
-        ColourImage(gymnasium.make(ENVIRONMENT, observation="cartesian", num_objects=2))
 
 
 def test_renders_a_picture_only_when_asked():

@@ -7,9 +7,9 @@ import copy
 import numpy as np
 import pytest
 import torch
-from corridor import Corridor, TinyActorCritic, success_rate
 from tensordict import TensorDict
 
+from tests.learning.corridor import Corridor, TinyActorCritic, success_rate
 from visualrhp.errors import ConfigError
 from visualrhp.learning.c3po import C3PO, baseline_loss, policy_distribution
 from visualrhp.learning.configs import C3POConfig

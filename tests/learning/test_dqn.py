@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from corridor import FEATURES, Corridor, CorridorPlanner, TinyQNetwork, features, success_rate
 from tensordict import TensorDict
 
+from tests.learning.corridor import FEATURES, Corridor, CorridorPlanner, TinyQNetwork, features, success_rate
 from visualrhp.errors import CheckpointError, ConfigError
 from visualrhp.learning.configs import DQNConfig
 from visualrhp.learning.dqn import DQN, EpsilonRHP, demonstration_transitions, make_q_loss

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 import torch
-from corridor import Corridor, TinyQNetwork
 
+from tests.learning.corridor import Corridor, TinyQNetwork
 from visualrhp.errors import ConfigError, LearningError
 from visualrhp.learning.reinforcement import Collector, ReinforcementLearner
 from visualrhp.types import Metrics

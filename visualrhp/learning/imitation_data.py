@@ -94,7 +94,7 @@ class ImitationData:
         steps_to_go, numbers = array("i"), array("i")
         actions: list[np.ndarray] = []
 
-        def look() -> Iterator[np.ndarray]:
+        def observed() -> Iterator[np.ndarray]:
             for number, (task, episode) in enumerate(demonstrations):
                 length = len(episode)
                 closed.extend(state.gripper_closed for state in episode.states[:-1])
@@ -106,7 +106,7 @@ class ImitationData:
                 for state in episode.states[:-1]:
                     yield observe(task.scene, state)
 
-        observations = observe.store(look())
+        observations = observe.store(observed())
         if not actions:
             raise DataError("there are no demonstrations to imitate")
         return cls(

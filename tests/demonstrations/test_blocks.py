@@ -1,0 +1,118 @@
+"""Blocks of attempts: generated once, resumed, regenerated when damaged; sets are complete in order of index."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visualrhp.demonstrations.blocks import BLOCK_SIZE, BlockStore, repair_set, write_set
+from visualrhp.demonstrations.dataset import DemonstrationSet
+from visualrhp.demonstrations.generate import generate_block
+from visualrhp.demonstrations.shards import Arrays
+from visualrhp.demonstrations.writer import DemonstrationWriter
+from visualrhp.errors import ConfigError
+from visualrhp.planning import KinodynamicRRT
+from visualrhp.scene import SceneDistribution
+
+DISTRIBUTION = SceneDistribution(num_objects=(1, 2))
+COUNT, SHARD_SIZE = 11, 4
+
+
+class Generator:
+    """Attempts the blocks in reverse order and remembers which."""
+
+    def __init__(self, max_simulations: int = 150) -> None:
+        self.planner = KinodynamicRRT(max_simulations=max_simulations)
+        self.attempted: list[range] = []
+
+    def __call__(self, ranges: Sequence[range]) -> Iterable[Arrays]:
+        for indices in reversed(ranges):
+            self.attempted.append(indices)
+            yield generate_block(indices, DISTRIBUTION, "discrete", self.planner, 3)
+
+
+def write(folder: Path, store: BlockStore) -> DemonstrationSet:
+    writer = DemonstrationWriter(folder, "discrete", COUNT, SHARD_SIZE)
+    statistics = write_set(store, writer)
+    writer.finish()
+    stored = DemonstrationSet.open(folder)
+    assert statistics.metrics()["attempts"] == stored.card["num_attempts"]
+    return stored
+
+
+def test_a_set_has_the_first_solved_instances(tmp_path: Path) -> None:
+    generator = Generator()
+    stored = write(tmp_path / "set", BlockStore(tmp_path / "blocks", generator))
+    attempts = generate_block(range(stored.card["num_attempts"]), DISTRIBUTION, "discrete", generator.planner, 3)
+    solved = np.flatnonzero(attempts["solved"])
+    assert stored.card["failed_indices"] == np.flatnonzero(~attempts["solved"]).tolist() != []
+    assert stored.indices.tolist() == solved.tolist() and len(solved) == COUNT
+    assert solved[-1] == stored.card["num_attempts"] - 1  # no attempt after the last demonstration
+
+
+def test_finished_blocks_are_not_generated_again(tmp_path: Path) -> None:
+    observed: list[tuple[range, int]] = []
+
+    class Killed(Generator):
+        def __call__(self, ranges: Sequence[range]) -> Iterable[Arrays]:
+            for number, arrays in enumerate(super().__call__(ranges)):
+                if number == 1:
+                    raise KeyboardInterrupt
+                yield arrays
+
+    killed, resumed, reference = Killed(), Generator(), Generator()
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "set", BlockStore(tmp_path / "blocks", killed))
+    (tmp_path / "blocks" / ".block-000009.ab12.tmp.npz").write_bytes(b"half")
+    store = BlockStore(tmp_path / "blocks", resumed, lambda numbers, done, _: observed.append((numbers, done)))
+    assert store.num_finished == 1
+    assert not list((tmp_path / "blocks").glob(".*"))
+    again = write(tmp_path / "set", store)
+    assert killed.attempted[0] not in resumed.attempted
+    expected = write(tmp_path / "reference", BlockStore(tmp_path / "others", reference))
+    assert again.card["content_hash"] == expected.card["content_hash"]
+    assert observed[0] == (range(2), 2)  # one of the first two blocks was finished before
+
+
+def test_a_damaged_block_is_generated_again(tmp_path: Path) -> None:
+    generator = Generator()
+    store = BlockStore(tmp_path, generator)
+    before = list(store.blocks(range(2)))
+    path = sorted(tmp_path.iterdir())[1]
+    path.write_bytes(path.read_bytes()[:100])
+    after = list(store.blocks(range(2)))
+    assert generator.attempted[2:] == [range(BLOCK_SIZE, 2 * BLOCK_SIZE)]
+    for old, new in zip(before, after, strict=True):
+        assert all(np.array_equal(old[name], new[name]) for name in old if name != "search_time_s")
+
+
+def test_a_damaged_shard_is_repaired_unless_it_would_differ(tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    write(folder, BlockStore(tmp_path / "blocks", Generator()))
+    card = json.loads((folder / "card.json").read_text())
+    shard = folder / "shard-00001.npz"
+    content = shard.read_bytes()
+    assert repair_set(folder, card, BlockStore(tmp_path / "blocks", Generator()), tmp_path) is None
+    shard.write_bytes(content[:-1])
+    other = BlockStore(tmp_path / "other", Generator(max_simulations=1))
+    assert repair_set(folder, card, other, tmp_path) is False
+    assert shard.read_bytes() == content[:-1]
+    assert repair_set(folder, card, BlockStore(tmp_path / "again", Generator()), tmp_path) is True
+    assert shard.read_bytes() == content
+
+
+def test_a_planner_that_solves_hardly_anything_is_an_error(tmp_path: Path) -> None:
+    template = generate_block(range(BLOCK_SIZE), DISTRIBUTION, "discrete", KinodynamicRRT(max_simulations=1), 3)
+    assert not template["solved"].any()
+
+    def hopeless(ranges: Sequence[range]) -> Iterable[Arrays]:
+        for indices in ranges:
+            yield template | {"index": np.array(indices)}
+
+    writer = DemonstrationWriter(tmp_path / "set", "discrete", 100, SHARD_SIZE)
+    with pytest.raises(ConfigError, match=r"solved 0 of \d+ task instances"):
+        write_set(BlockStore(tmp_path / "blocks", hopeless), writer)

@@ -1,0 +1,40 @@
+"""Pictures of a set show its own states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from visualrhp.demonstrations.dataset import DemonstrationSet
+from visualrhp.demonstrations.pictures import contact_sheet, demonstration_frames, length_histogram
+from visualrhp.rendering.frames import render_frame
+
+CELL_PX = 160
+
+
+def test_a_row_of_the_contact_sheet_goes_from_the_first_state_to_the_last(stored: DemonstrationSet) -> None:
+    sheet = contact_sheet(stored)
+    pairs = list(stored)[:8]
+    assert sheet.dtype == np.uint8 and sheet.shape == (len(pairs) * CELL_PX, 8 * CELL_PX, 3)
+    for row, (task, episode) in enumerate(pairs):
+        cells = np.split(sheet[row * CELL_PX : (row + 1) * CELL_PX], 8, axis=1)
+        np.testing.assert_array_equal(cells[0], render_frame(task.scene, episode.states[0], size_px=CELL_PX))
+        number = min(8, len(episode) + 1)
+        last = render_frame(task.scene, episode.states[-1], size_px=CELL_PX, trail=episode.states[:-1])
+        np.testing.assert_array_equal(cells[number - 1], last)
+        for blank in cells[number:]:
+            assert (blank == sheet[0, 0]).all()
+
+
+def test_the_video_has_the_first_demonstrations(stored: DemonstrationSet) -> None:
+    one, two = ([*demonstration_frames(stored, count, 96)] for count in (1, 2))
+    first, second = (len(episode) for _, episode in list(stored)[:2])
+    assert len(two) - len(one) == len(one) + 4 * (second - first)  # 4 frames per action
+    np.testing.assert_array_equal(two[0], one[0])
+
+
+def test_bars_of_the_histogram_are_centred_on_the_numbers() -> None:
+    figure = length_histogram([1, 3, 3, 4], "discrete")
+    (axes,) = figure.axes
+    heights = {round(bar.get_x() + bar.get_width() / 2, 6): bar.get_height() for bar in axes.patches}  # pyright: ignore[reportAttributeAccessIssue]
+    assert heights == {0: 0, 1: 1, 2: 0, 3: 2, 4: 1}
+    assert axes.get_title() == "4 demonstrations, discrete: 2.8 actions on average"

@@ -1,0 +1,77 @@
+"""State-action pairs of demonstrations: their order, targets, storage, and mirror images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from tests.learning.motionless import CARTESIAN, IMAGE, data_of, demonstration
+from visualrhp.errors import DataError
+from visualrhp.learning.imitation_data import ImitationData
+from visualrhp.observation import Observation
+from visualrhp.simulation.action_spaces import make_action_space
+
+
+def test_returns_are_eq_4() -> None:
+    """Three actions of reward -1: -1 - g - g^2, -1 - g, -1."""
+    data = ImitationData.from_demonstrations([demonstration(0, 3)], CARTESIAN, discount=0.9)
+    np.testing.assert_allclose(data.returns.numpy(), [-2.71, -1.9, -1.0], rtol=1e-6)
+    assert data.steps_to_go.tolist() == [3, 2, 1]
+
+
+def test_pairs_are_states_with_their_actions() -> None:
+    pairs = [demonstration(i, 3 + i) for i in range(2)]
+    data = ImitationData.from_demonstrations(pairs, IMAGE)
+    assert len(data) == 7
+    assert data.demonstration.tolist() == [0, 0, 0, 1, 1, 1, 1]
+    task, episode = pairs[1]
+    batch = data[torch.tensor([4, 0])]
+    np.testing.assert_array_equal(batch.observation[0], IMAGE(task.scene, episode.states[1]))
+    assert batch.action[0].item() == episode.actions[1]
+    assert batch.gripper_closed[0].item() == episode.states[1].gripper_closed
+    assert batch.observation.dtype is torch.uint8
+    assert batch.steps_to_go.tolist() == [3, 3]
+
+
+def test_label_images_are_kept_packed() -> None:
+    """Less than a fifth of the bytes, so that a million pairs train in little memory."""
+    data = data_of("discrete", IMAGE, count=20)
+    assert data.observations.nbytes < 0.2 * len(data) * 64 * 64
+
+
+def test_no_demonstrations_are_an_error() -> None:
+    with pytest.raises(DataError, match="no demonstrations"):
+        ImitationData.from_demonstrations([], IMAGE)
+
+
+def test_whole_demonstrations_are_held_out() -> None:
+    data = data_of("discrete", CARTESIAN, count=10)
+    training, held_out = data.split(0.3, torch.Generator().manual_seed(0))
+    assert len(torch.unique(data.demonstration[held_out])) == 3
+    assert not set(data.demonstration[training].tolist()) & set(data.demonstration[held_out].tolist())
+    assert sorted([*training.tolist(), *held_out.tolist()]) == list(range(len(data)))
+
+
+@pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
+@pytest.mark.parametrize("action_space", ["discrete", "continuous"])
+def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, observe: Observation) -> None:
+    pairs = data_of(action_space, observe)
+    data = pairs[torch.arange(len(pairs))]
+    rows = torch.arange(len(pairs)) % 2 == 0
+    once = data.mirrored(rows, pairs.observation)
+    assert torch.equal(once.observation[~rows], data.observation[~rows])
+    assert not torch.equal(once.observation[rows], data.observation[rows])
+    twice = once.mirrored(rows, pairs.observation)
+    assert torch.equal(twice.observation, data.observation)
+    assert torch.equal(twice.action, data.action)
+
+
+def test_mirrored_actions_are_those_of_the_action_space() -> None:
+    for action_space in ("discrete", "continuous"):
+        pairs = data_of(action_space, CARTESIAN)
+        data = pairs[torch.arange(len(pairs))]
+        mirrored = data.mirrored(torch.ones(len(pairs), dtype=torch.bool), pairs.observation)
+        space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
+        expected = [space.mirror(a if a.ndim else int(a)) for a in data.action.numpy()]
+        np.testing.assert_allclose(mirrored.action.numpy(), np.array(expected), rtol=1e-6)

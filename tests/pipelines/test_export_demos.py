@@ -1,0 +1,68 @@
+"""Exports: complete or not there, and replaced as a whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from pipelines.config import ExportDemosConfig, GenerateDemosConfig
+from pipelines.export_demos import export
+from pipelines.workflow.app import compose
+from pipelines.workflow.artefacts import card
+from visualrhp.demonstrations.generate import generate_block
+from visualrhp.demonstrations.writer import DemonstrationWriter
+from visualrhp.errors import DataError
+
+SETTINGS = ("scale=smoke", "tracking=none", "action_space=discrete")
+
+
+@pytest.fixture(scope="module")
+def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config = compose("generate_demos", GenerateDemosConfig, [*SETTINGS, "scene.num_objects=[1,2]"])
+    folder = tmp_path_factory.mktemp("demonstrations")
+    writer = DemonstrationWriter(folder, "discrete", 5, shard_size=3)
+    writer.add(generate_block(range(8), config.scene, "discrete", config.planner, config.seed, config.physics))
+    writer.finish(**card(config, "generate_demos"))
+    return folder
+
+
+def configure(demonstrations: Path, artefact: Path, *overrides: str) -> ExportDemosConfig:
+    settings = [*SETTINGS, f"demonstrations={demonstrations}", f"paths.artefact={artefact}", *overrides]
+    return compose("export_demos", ExportDemosConfig, settings)
+
+
+def test_parquet_has_the_transitions_the_scenes_and_the_card(
+    tmp_path: Path, demonstrations: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = export(configure(demonstrations, tmp_path / "new" / "export", "format=parquet"))
+    assert folder == tmp_path / "new" / "export"
+    assert capsys.readouterr().out == f"5 demonstrations as parquet in {folder}\n"
+    about = json.loads((folder / "card.json").read_text())
+    assert about == json.loads((demonstrations / "card.json").read_text())
+    transitions = pd.read_parquet(folder / "transitions.parquet")
+    assert len(transitions) == about["num_transitions"]
+    assert len(pd.read_parquet(folder / "scenes.parquet")) > 0
+    assert [path.name for path in folder.parent.iterdir()] == ["export"]  # nothing unfinished beside it
+
+
+@pytest.mark.parametrize("observation", ["image", "cartesian"])
+def test_minari_is_written_for_an_observation(tmp_path: Path, demonstrations: Path, observation: str) -> None:
+    pytest.importorskip("minari")
+    overrides = ["format=minari", "dataset_id=clutter/demos-v0", f"observation={observation}", "num_objects=1"]
+    folder = export(configure(demonstrations, tmp_path / observation, *overrides))
+    assert (folder / "clutter" / "demos-v0").is_dir()
+
+
+def test_a_failed_export_leaves_the_earlier_one(tmp_path: Path, demonstrations: Path) -> None:
+    target = tmp_path / "export"
+    export(configure(demonstrations, target, "format=parquet"))
+    before = {path.name: path.read_bytes() for path in target.iterdir()}
+    with pytest.raises(DataError, match="7"):
+        export(configure(demonstrations, target, "format=parquet", "num_objects=7"))
+    with pytest.raises(DataError, match=r"card\.json is missing"):
+        export(configure(tmp_path / "nowhere", target, "format=parquet"))
+    assert {path.name: path.read_bytes() for path in target.iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["export"]
