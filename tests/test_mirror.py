@@ -67,7 +67,7 @@ def test_tests_reach_into_no_privates(path: Path) -> None:
     assert not list(privates(path))
 
 
-@pytest.mark.parametrize("package", ["visualrhp", "pipelines"])
+@pytest.mark.parametrize("package", ["visualrhp", "pipelines", "tests"])
 def test_no_file_is_longer_than_400_lines(package: str) -> None:
     lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / package).rglob("*.py")}
     assert not {str(path): length for path, length in lengths.items() if length > 400}
