@@ -32,7 +32,7 @@ _DEADLINES = (0.005, 0.02, 0.1)
 
 
 class _RecordingModel(TransitionModel):
-    """Remembers what it was asked to simulate."""
+    """Records the simulated actions."""
 
     calls: list[tuple[State, Action]]
 
@@ -42,7 +42,7 @@ class _RecordingModel(TransitionModel):
 
 
 class _TimedModel(TransitionModel):
-    """Remembers how long its longest action took [s]."""
+    """Records the duration of the longest action [s]."""
 
     longest_s: float = 0.0
 
@@ -54,7 +54,7 @@ class _TimedModel(TransitionModel):
 
 
 class _RecordingHeuristic(Heuristic):
-    """Remembers what it was asked about."""
+    """Records the evaluated states."""
 
     def __init__(self, heuristic: LearnedHeuristic) -> None:
         self.heuristic = heuristic

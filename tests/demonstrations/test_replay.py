@@ -17,7 +17,7 @@ from visualrhp.types import ActionSpaceName, State
 
 
 @pytest.mark.parametrize("space", ACTION_SPACES)
-def test_whatever_is_altered_does_not_replay(
+def test_an_altered_demonstration_does_not_replay(
     attempts: dict[ActionSpaceName, list[Attempt]], space: ActionSpaceName
 ) -> None:
     """One bit of the start, of a state on the way, of an action or of a reward; or an end before the goal."""

@@ -102,7 +102,7 @@ def test_an_interrupt_from_the_keyboard_reaches_no_worker():
     env.close()
 
 
-def test_says_that_a_worker_has_ended():
+def test_reports_that_a_worker_has_ended():
     env = BatchedClutterEnv(FEW, "discrete", num_envs=2, num_workers=2)
     current = random_policy(0, env)(env.reset())
     processes_of(env)[1].kill()

@@ -84,7 +84,7 @@ def test_truncation_is_not_termination():
     assert env.instances == [2, 3] and not current["done"].any()
 
 
-def test_seeded_rollouts_are_the_same_to_the_bit():
+def test_seeded_rollouts_are_the_same_bit_exactly():
     first, second, other = (
         run(env, random_policy(0, env), 40)[0]
         for env in (BatchedClutterEnv(FEW, "continuous", num_envs=3, seed=seed) for seed in (1, 1, 2))
@@ -94,7 +94,7 @@ def test_seeded_rollouts_are_the_same_to_the_bit():
 
 
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-def test_goes_on_from_a_snapshot_to_the_bit(action_space):
+def test_resumes_from_a_snapshot_bit_exactly(action_space):
     env = BatchedClutterEnv(FEW, action_space, num_envs=3, seed=1)
     _, current = run(env, random_policy(0, env), 35)
     snapshot = {name: tensor.clone() for name, tensor in env.snapshot().items()}
@@ -149,7 +149,7 @@ def test_slots_that_are_left_out_of_a_step_stay_where_they_are():
     assert torch.equal(following["observation"][1], current["observation"][1])
 
 
-def test_a_pickled_environment_goes_on_to_the_bit():
+def test_a_pickled_environment_resumes_bit_exactly():
     env = BatchedClutterEnv(FEW, "continuous", num_envs=2, seed=1)
     fresh = pickle.loads(pickle.dumps(env))
     assert torch.equal(fresh.reset()["state"], env.reset()["state"])

@@ -61,7 +61,7 @@ def test_task_instances_are_a_function_of_seed_and_episode():
     assert env.state == sample_task_instance(distribution, 5, Split.REINFORCEMENT, 1).state
 
 
-def test_rollouts_are_the_same_to_the_bit():
+def test_rollouts_are_the_same_bit_exactly():
     def rollout():
         env = ClutterManipulation()
         env.action_space.seed(3)
@@ -136,7 +136,7 @@ def several_steps(env: ClutterManipulation, num_steps: int) -> list[tuple]:
 
 
 @pytest.mark.parametrize("observation", ["image", "cartesian"])
-def test_starts_from_a_given_scene_and_state_to_the_bit(observation):
+def test_starts_from_a_given_scene_and_state_bit_exactly(observation):
     original = ClutterManipulation(observation=observation, num_objects=3)
     original.reset(seed=3)
     for _ in range(4):
@@ -199,7 +199,7 @@ def test_an_observation_is_not_written_over_by_the_next():
     np.testing.assert_array_equal(first["observation"], kept)
 
 
-def test_renders_a_picture_only_when_asked():
+def test_renders_a_picture_only_in_a_render_mode():
     env = ClutterManipulation(render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()

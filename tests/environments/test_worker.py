@@ -63,7 +63,7 @@ def test_commands_change_the_shared_arrays(served: tuple[Connection, SlotArrays]
         np.testing.assert_array_equal(vars(arrays)[name], array, err_msg=name)
 
 
-def test_an_error_is_the_answer_and_the_worker_goes_on(served: tuple[Connection, SlotArrays]) -> None:
+def test_an_error_is_the_answer_and_the_worker_continues(served: tuple[Connection, SlotArrays]) -> None:
     connection, arrays = served
     connection.send(("start", 5, [0, 1, 2], [0, 1, 2]))
     assert connection.recv() is None

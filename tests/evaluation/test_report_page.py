@@ -27,7 +27,7 @@ def words_of(page: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
 
 
-def test_the_page_says_what_the_episodes_say() -> None:
+def test_the_page_has_the_numbers_of_the_episodes() -> None:
     text = words_of(page_of(report_table()))
     assert "VisualRHP 3x3 completes 90% of the tasks (65% to 98%) with continuous actions" in text
     assert "Greedy 50%" in text and "K.RRT 100%" in text

@@ -48,9 +48,7 @@ def test_guidance_in_the_continuous_action_space_is_a_gaussian() -> None:
 
 
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-def test_states_that_are_asked_about_twice_are_looked_at_once(
-    action_space: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_equal_states_are_observed_once(action_space: str, monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = tasks(2)
     heuristic = heuristic_of(make_network(action_space, IMAGE))
     pairs = [

@@ -55,7 +55,7 @@ def test_whole_demonstrations_are_held_out() -> None:
 
 @pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-def test_mirroring_twice_is_nothing_and_spares_the_rest(action_space: str, observe: Observation) -> None:
+def test_mirroring_twice_is_the_identity_and_other_rows_are_unchanged(action_space: str, observe: Observation) -> None:
     pairs = data_of(action_space, observe)
     data = pairs[torch.arange(len(pairs))]
     rows = torch.arange(len(pairs)) % 2 == 0

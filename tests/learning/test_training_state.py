@@ -1,4 +1,4 @@
-"""A training that goes on from a file ends at the same bits; a file that does not fit changes nothing."""
+"""A training that resumes from a file is bit-exact; a file that does not fit changes nothing."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_an_observation_has_the_shape_type_and_bounds_that_it_announces(observe:
 
 
 @pytest.mark.parametrize("observe", OBSERVATIONS, ids=str)
-def test_mirroring_a_batch_is_mirroring_each_and_twice_is_nothing(observe: Observation) -> None:
+def test_mirroring_a_batch_is_mirroring_each_and_twice_is_the_identity(observe: Observation) -> None:
     batch = np.stack([observe(task.scene, task.state) for task in TASKS])
     mirrored = observe.mirror(batch)
     np.testing.assert_array_equal(mirrored, np.stack([observe.mirror(observed) for observed in batch]))
@@ -132,7 +132,7 @@ def test_observations_are_equal_if_they_read_the_same() -> None:
     assert len({*OBSERVATIONS, make_observation("image"), make_observation("cartesian", 3)}) == 3
 
 
-def test_an_observation_says_what_it_reads() -> None:
+def test_an_observation_describes_itself() -> None:
     assert [str(observe) for observe in OBSERVATIONS] == [
         "image observations of any number of objects",
         "cartesian observations of 3 objects",

@@ -32,7 +32,7 @@ def test_every_pixel_comes_back_in_any_order(monkeypatch: pytest.MonkeyPatch, ch
         runs[[5]]
 
 
-def test_nothing_packed_is_nothing() -> None:
+def test_an_empty_stack_is_empty() -> None:
     runs = PackedImages.pack([])
     assert len(runs) == 0
     assert runs[[]].shape == (0, *SHAPE)

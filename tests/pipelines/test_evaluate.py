@@ -1,4 +1,4 @@
-"""Evaluating: the same results whatever happens on the way, and every episode once."""
+"""Evaluating: the same results with any interruption, and every episode once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generating demonstrations: the same bytes whatever happens on the way."""
+"""Generating demonstrations: the same bytes with any number of workers and after any interruption."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweeps of a stage through Hydra's launchers: every job makes its artefact, whoever starts it."""
+"""Sweeps of a stage through Hydra's launchers: every job makes its artefact, with any launcher."""
 
 from __future__ import annotations
 

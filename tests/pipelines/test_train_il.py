@@ -52,7 +52,7 @@ def configure(folder: Path, *overrides: str) -> TrainILConfig:
     return compose("train_il", TrainILConfig, [*shared, *overrides])
 
 
-def test_a_killed_training_goes_on_to_the_same_network(demonstrations: Path, tmp_path: Path) -> None:
+def test_a_killed_training_resumes_to_the_same_network(demonstrations: Path, tmp_path: Path) -> None:
     config = configure(demonstrations, "learner.epochs=3", "validation.num_instances=1")
     (part,) = parts_of(config)
     whole, killed = tmp_path / "whole", tmp_path / "killed"
@@ -71,7 +71,7 @@ def test_the_summary_leaves_times_out() -> None:
     assert summary(history) == {"epochs": 2, "train": {"loss": 1.5}, "greedy": {"success_rate": 0.5}}
 
 
-def test_each_representation_has_its_networks(demonstrations: Path) -> None:
+def test_each_observation_has_its_networks(demonstrations: Path) -> None:
     cartesian = configure(demonstrations, "observation.num_objects=[1,4]")
     assert [part.suffix for part in parts_of(cartesian)] == ["_m1", "_m4"]
     image = compose("train_il", TrainILConfig, ["scale=smoke", f"demonstrations={demonstrations}"])

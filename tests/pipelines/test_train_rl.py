@@ -45,7 +45,7 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
     return load_network(path)[0].state_dict()
 
 
-def test_a_killed_training_goes_on_to_the_same_networks(outputs, monkeypatch):
+def test_a_killed_training_resumes_to_the_same_networks(outputs, monkeypatch):
     monkeypatch.setattr("pipelines.train_rl.SAVE_INTERVAL_S", 0.0)
     config = configure(outputs, "learner.iterations=3", "learner.lr=1e-3")
     (part,) = parts_of(config)

@@ -150,7 +150,7 @@ def test_a_mistake_is_named(override: str, words: str) -> None:
         compose("tune_crafted", TuneCraftedConfig, [*start, override])
 
 
-def test_without_optuna_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_optuna_is_an_error_that_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(ConfigError, match="pip install optuna"):
         pipeline.check_libraries()

@@ -186,7 +186,7 @@ def test_without_a_deadline_no_time_counts(line_world: Callable[..., Any]) -> No
     assert slow == quick.plan(line_world(goal=90), at(5), np.random.default_rng(0))
 
 
-def test_a_decision_says_what_took_how_long(line_world: Callable[..., Any]) -> None:
+def test_a_decision_reports_the_time_of_its_parts(line_world: Callable[..., Any]) -> None:
     decision, duration = decide_in_time(line_world(goal=90), None, [RIGHT, LEFT, LEFT, LEFT])
     assert duration == 7.0
     assert decision.timing == Timing(total_s=7.0, simulation_s=4.0, observation_s=0.0, heuristic_s=3.0)

@@ -26,7 +26,7 @@ def task_and_model(action_space: ActionSpaceName, index: int) -> tuple[TaskInsta
 
 @pytest.mark.parametrize("action_space", ACTION_SPACES)
 @pytest.mark.parametrize("index", range(4))
-def test_a_plan_replays_to_the_bit_and_ends_in_a_goal(action_space: ActionSpaceName, index: int) -> None:
+def test_a_plan_replays_bit_exactly_and_ends_in_a_goal(action_space: ActionSpaceName, index: int) -> None:
     task, model = task_and_model(action_space, index)
     result = KinodynamicRRT().search(model, task.state, np.random.default_rng(index))
     assert result.episode is not None and result.episode.is_goal

@@ -37,7 +37,7 @@ def test_an_odd_size_is_padded_to_an_even_one(tmp_path):
     assert read_video(tmp_path / "odd.webm")[0].shape == (42, 56, 3)
 
 
-def test_writing_says_nothing(tmp_path, capfd):
+def test_writing_prints_nothing(tmp_path, capfd):
     write_video(tmp_path / "quiet.webm", moving_square())
     assert capfd.readouterr() == ("", "")
 

@@ -77,7 +77,7 @@ def test_a_sliver_grows_into_its_neighbour() -> None:
     assert union(parts).symmetric_difference(shapely.Polygon(outline)).area < 1e-12
 
 
-def test_a_convex_outline_is_its_own_part_to_the_bit() -> None:
+def test_a_convex_outline_is_its_own_part_bit_exactly() -> None:
     for index in range(20):
         for shape in sample_task_instance(SceneDistribution(), 0, Split.TUNING, index).scene.objects:
             (part,) = shape.convex_parts

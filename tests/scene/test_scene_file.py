@@ -1,4 +1,4 @@
-"""Scene files: round trips to the bit, the examples, and errors that name line and field."""
+"""Scene files: bit-exact round trips, the examples, and errors that name line and field."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def error_of(folder: Path, text: str, name: str = "scene.yaml") -> str:
 
 
 def assert_same(first: TaskInstance, second: TaskInstance) -> None:
-    """To the bit, signs of zeros included."""
+    """Bit-exact, signs of zeros included."""
     assert first.scene == second.scene
     assert first.state.vector.tobytes() == second.state.vector.tobytes()
     for one, other in zip(first.scene.objects, second.scene.objects, strict=True):
@@ -70,7 +70,7 @@ def assert_same(first: TaskInstance, second: TaskInstance) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".yml", ".json"])
-def test_random_instances_come_back_to_the_bit(tmp_path: Path, suffix: str) -> None:
+def test_random_instances_come_back_bit_exactly(tmp_path: Path, suffix: str) -> None:
     for index in range(4):
         instance = sample_task_instance(SceneDistribution(friction=1 / 3), 0, Split.TUNING, index)
         noisy = TaskInstance(
@@ -98,7 +98,7 @@ finite = st.floats(-0.2, 0.2)
     radius=st.floats(1e-9, 10.0),
     closed=st.booleans(),
 )
-def test_any_floats_come_back_to_the_bit(
+def test_any_floats_come_back_bit_exactly(
     tmp_path_factory: pytest.TempPathFactory,
     poses: list[tuple[float, float, float]],
     density: float,

@@ -61,7 +61,7 @@ def test_a_free_body_moves_uniformly_and_its_angle_is_not_wrapped() -> None:
     assert end == pytest.approx(np.array([[0.1, 0.05, 9.0], [1.0, 1.4, -17.0]]))
 
 
-def test_poses_come_back_to_the_bit_in_the_order_of_the_bodies() -> None:
+def test_poses_come_back_bit_exactly_in_the_order_of_the_bodies() -> None:
     """Bodies that sleep come last in the space, and not in the result."""
     world = world_of({"asleep": True}, {}, {"asleep": True}, {"mass": 0.0}, {})
     given = np.random.default_rng(0).uniform(-5.0, 5.0, (5, 3))

@@ -1,4 +1,4 @@
-"""The simulator is Markov to the bit: 10,000 (scene, state, action) triples, simulated again in every other way."""
+"""The simulator is exactly Markov: 10,000 (scene, state, action) triples, simulated again in every other way."""
 
 from __future__ import annotations
 

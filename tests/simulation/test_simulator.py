@@ -1,4 +1,4 @@
-"""The simulator is exact (Markov to the bit) and physical (friction, grasps, symmetry)."""
+"""The simulator is exactly Markov and physical (friction, grasps, symmetry)."""
 
 from __future__ import annotations
 
@@ -356,7 +356,7 @@ def test_a_soak_of_random_and_adversarial_actions() -> None:
     assert findings.creep < 0.02  # a motion that did not come to rest, about one in 2,000
 
 
-def test_untouched_objects_stay_to_the_bit() -> None:
+def test_untouched_objects_stay_bit_exactly() -> None:
     instance = sample_task_instance(SceneDistribution(num_objects=(7, 7)), 0, Split.TUNING, 0)
     model = TransitionModel(instance.scene, DiscreteActionSpace())
     assert np.array_equal(model.simulate(instance.state, 6).next_state.object_poses, instance.state.object_poses)

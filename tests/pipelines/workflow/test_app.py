@@ -151,7 +151,7 @@ def test_a_defect_keeps_its_traceback(run: Run) -> None:
         run(main)
 
 
-def test_a_sweep_runs_every_job_in_a_folder_of_its_own(run: Run) -> None:
+def test_a_sweep_runs_every_job_in_a_separate_folder(run: Run) -> None:
     seen: list[tuple[float, str, list[str]]] = []
 
     @app("train_rl", TrainRLConfig)

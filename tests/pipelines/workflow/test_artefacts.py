@@ -23,7 +23,7 @@ def folder(*overrides: str, **inputs: str) -> Path:
     return work_folder(compose("train_il", TrainILConfig, overrides), "train_il", inputs)
 
 
-def test_work_is_gone_on_with_only_if_the_result_would_be_the_same(repository: Path) -> None:
+def test_work_is_resumed_only_if_the_result_would_be_the_same(repository: Path) -> None:
     reference = folder()
     assert reference.parent == repository / "outputs" / "work" / "train_il"
     same = (["executor.num_workers=1"], ["tracking=none"], ["paths.artefact=elsewhere"])
@@ -62,7 +62,7 @@ def test_publishing_replaces_what_was_there(tmp_path: Path) -> None:
     assert [path.name for path in destination.parent.iterdir()] == ["b"]
 
 
-def test_discard_is_silent_about_what_is_gone(tmp_path: Path) -> None:
+def test_discard_ignores_what_does_not_exist(tmp_path: Path) -> None:
     discard(tmp_path / "absent")
 
 

@@ -70,9 +70,7 @@ def test_what_a_run_records(configure: Callable[..., TrainILConfig], client: Any
     assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"
 
 
-def test_an_unfinished_run_is_gone_on_with(
-    configure: Callable[..., TrainILConfig], client: Any, tmp_path: Path
-) -> None:
+def test_an_unfinished_run_is_resumed(configure: Callable[..., TrainILConfig], client: Any, tmp_path: Path) -> None:
     ids: list[tuple[Any, Any]] = []
 
     def interrupted(step: int) -> None:
@@ -100,7 +98,7 @@ def test_an_unfinished_run_is_gone_on_with(
         assert other.id != parent
 
 
-def test_a_failed_run_says_so(configure: Callable[..., TrainILConfig], client: Any) -> None:
+def test_a_failed_run_is_marked_as_failed(configure: Callable[..., TrainILConfig], client: Any) -> None:
     with pytest.raises(ZeroDivisionError), open_run(configure(), "train_il", "failing") as run:
         raise ZeroDivisionError
     assert client.get_run(run.id).info.status == "FAILED"
