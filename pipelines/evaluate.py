@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import EvaluateConfig
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipelines.config import EvaluateConfig
     from pipelines.points import Point
     from pipelines.workflow.tracking import Run
 
@@ -51,7 +51,7 @@ class Unit:
         return f"{self.identity}/{self.episode}"
 
 
-@app("evaluate", EvaluateConfig)
+@app("evaluate")
 def main(config: EvaluateConfig) -> None:
     """Run the missing episodes, and publish the artefact."""
     from pipelines.points import compose_points, network_hashes, prepare

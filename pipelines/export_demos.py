@@ -10,14 +10,17 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pipelines.config import ExportDemosConfig
 from pipelines.workflow.app import app
+
+if TYPE_CHECKING:
+    from pipelines.config import ExportDemosConfig
 
 STAGE = "export_demos"
 
 
-@app(STAGE, ExportDemosConfig)
+@app(STAGE)
 def main(config: ExportDemosConfig) -> None:
     export(config)
 

@@ -19,11 +19,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.config import GenerateDemosConfig
 from pipelines.workflow.app import app
 from pipelines.workflow.tracking import Run
 
 if TYPE_CHECKING:
+    from pipelines.config import GenerateDemosConfig
     from visualrhp.demonstrations.blocks import BlockStore
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.demonstrations.shards import Arrays
@@ -38,7 +38,7 @@ _NUM_ROWS = 50
 """Number of rows of metrics that are tracked."""
 
 
-@app(STAGE, GenerateDemosConfig)
+@app(STAGE)
 def main(config: GenerateDemosConfig) -> None:
     from pipelines.workflow.artefacts import discard, git_commit, publish, work_folder
     from pipelines.workflow.tracking import open_run

@@ -18,10 +18,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import GreedyConfig, LearnedHeuristicConfig, PlayConfig
 from pipelines.workflow.app import app, command_line_overrides, override_keys
 
 if TYPE_CHECKING:
+    from pipelines.config import PlayConfig
     from visualrhp.execution import EpisodeResult
     from visualrhp.planning import Planner
     from visualrhp.rendering.window import Window
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 
-@app("play", PlayConfig)
+@app("play")
 def main(config: PlayConfig) -> None:
     """Run the planner, and write the video and the card."""
     from pipelines.workflow.artefacts import card
@@ -137,8 +137,7 @@ def checked_planner(config: PlayConfig, num_objects: int) -> Planner:
     space, planner = config.action_space.name, config.planner
     path = needed_network(planner, space, config.heuristics, num_objects)
     if path is not None and not path.is_file():
-        heuristic = getattr(planner, "heuristic", None)
-        observation = heuristic.observation if isinstance(heuristic, LearnedHeuristicConfig) else "image"
+        observation = getattr(getattr(planner, "heuristic", None), "observation", "image")
         arguments = f"action_space={space} observation={observation}"
         raise CheckpointError(
             f"{planner.name} needs the network {path}, which does not exist. Make it with python -m "
@@ -172,7 +171,7 @@ def looks(config: PlayConfig) -> dict[str, Any]:
     from visualrhp.simulation import MAX_EPISODE_ACTIONS
 
     video = config.video
-    has_rollouts = video.imagined_s > 0.0 and not isinstance(config.planner, GreedyConfig)
+    has_rollouts = video.imagined_s > 0.0 and config.planner.algorithm != "greedy"
     return {
         "title": title_of(config),
         "max_steps": MAX_EPISODE_ACTIONS,

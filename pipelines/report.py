@@ -10,16 +10,16 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.config import ReportConfig
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
+    from pipelines.config import ReportConfig
     from pipelines.workflow.tracking import Run
 
 _log = logging.getLogger(__name__)
 
 
-@app("report", ReportConfig)
+@app("report")
 def main(config: ReportConfig) -> None:
     """Make the report and publish it."""
     from pipelines.workflow.artefacts import discard, publish, work_folder

@@ -11,11 +11,11 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import TrainILConfig
 from pipelines.training import Part, Training, demonstrations_of, greedy_evaluation, observation_of
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
+    from pipelines.config import TrainILConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.learning.imitation import ImitationLearner
     from visualrhp.types import Metrics
@@ -36,7 +36,7 @@ _CURVES = (
 )
 
 
-@app(STAGE, TrainILConfig)
+@app(STAGE)
 def main(config: TrainILConfig) -> None:
     from pipelines.workflow.artefacts import discard, publish, work_folder
     from pipelines.workflow.tracking import open_run

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import DQNConfig, TrainRLConfig
 from pipelines.training import (
     Part,
     Training,
@@ -29,6 +28,7 @@ from pipelines.training import (
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
+    from pipelines.config import DQNConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.heuristics.networks import ActorCritic, QNetwork
     from visualrhp.learning.reinforcement import ReinforcementLearner
@@ -55,7 +55,7 @@ _CURVES = (
 )
 
 
-@app(STAGE, TrainRLConfig)
+@app(STAGE)
 def main(config: TrainRLConfig) -> None:
     from pipelines.workflow.artefacts import discard, publish, work_folder
     from pipelines.workflow.tracking import open_run
@@ -92,7 +92,7 @@ def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
         "evaluate": greedy_evaluation(config, part),
         "evaluate_every": config.validation.every,
     }
-    if isinstance(learner, DQNConfig):
+    if learner.algorithm == "dqn":
         from visualrhp.learning.dqn import DQN
 
         demonstrations = demonstrations_of(_open_demonstrations(config), part)
@@ -197,7 +197,7 @@ def input_hashes(config: TrainRLConfig) -> dict[str, str]:
     for part in parts_of(config):
         _load_start(config, part)
         hashes[part.name] = hashlib.sha256(_start_path(config, part).read_bytes()).hexdigest()
-    if isinstance(config.learner, DQNConfig):
+    if config.learner.algorithm == "dqn":
         hashes["demonstrations"] = str(_open_demonstrations(config).card["content_hash"])
     return hashes
 

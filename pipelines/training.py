@@ -14,20 +14,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import TrainILConfig, TrainRLConfig
-from pipelines.networks import network_suffix
 from pipelines.workflow.tracking import Run, flatten
-from visualrhp.observation import Observation, observation_class, observation_for
-from visualrhp.scene import SceneDistribution
-from visualrhp.types import Metrics
 
 if TYPE_CHECKING:
+    from pipelines.config import TrainILConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
+    from visualrhp.observation import Observation
+    from visualrhp.scene import SceneDistribution
+    from visualrhp.types import Metrics
+
+    AnyConfig = TrainILConfig | TrainRLConfig
 
 NUM_THREADS = 1
 """Number of threads of torch in a training; it determines the order of sums, and thus the last bits of a result."""
-
-AnyConfig = TrainILConfig | TrainRLConfig
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,9 @@ class Part:
 
 def parts_of(config: AnyConfig) -> list[Part]:
     """The networks to train."""
+    from pipelines.networks import network_suffix
+    from visualrhp.observation import observation_class
+
     if not observation_class(config.observation.name).fixes_num_objects:
         return [Part(config.observation.name, config.scene.num_objects)]
     return [Part(f"m={m}", (m, m), network_suffix(m)) for m in config.observation.num_objects]
@@ -65,6 +67,8 @@ def distribution_of(config: AnyConfig, part: Part) -> SceneDistribution:
 
 def observation_of(config: AnyConfig, part: Part) -> Observation:
     """The observation that the network of ``part`` reads."""
+    from visualrhp.observation import observation_for
+
     return observation_for(config.observation.name, distribution_of(config, part))
 
 

@@ -22,10 +22,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.config import CraftedHeuristicConfig, TuneCraftedConfig
 from pipelines.workflow.app import app, command_line_overrides, override_keys
 
 if TYPE_CHECKING:
+    from pipelines.config import CraftedHeuristicConfig, TuneCraftedConfig
     from pipelines.workflow.tracking import Run
     from visualrhp.evaluation.weight_search import SearchResult, TrialEpisode, TrialRecord, TrialTask, WeightSearch
 
@@ -36,7 +36,7 @@ _log = logging.getLogger(__name__)
 _JOURNAL = "episodes.jsonl"
 
 
-@app(STAGE, TuneCraftedConfig)
+@app(STAGE)
 def main(config: TuneCraftedConfig) -> None:
     """Search, select and check weights, and publish the artefact."""
     from pipelines.workflow.artefacts import discard, git_commit, publish, work_folder

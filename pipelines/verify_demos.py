@@ -8,9 +8,12 @@ ones are named by shard and index, and the command fails (exit code 2).
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pipelines.config import VerifyDemosConfig
 from pipelines.workflow.app import app
+
+if TYPE_CHECKING:
+    from pipelines.config import VerifyDemosConfig
 
 STAGE = "verify_demos"
 
@@ -18,7 +21,7 @@ _MOST_NAMED = 5
 """Largest number of differing demonstrations that are named: if one differs, usually many do."""
 
 
-@app(STAGE, VerifyDemosConfig)
+@app(STAGE)
 def main(config: VerifyDemosConfig) -> None:
     verify(config)
 

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import hydra
 from hydra.core.global_hydra import GlobalHydra
@@ -33,27 +33,34 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from pipelines.config import PipelineConfig
-from visualrhp.parameters import suggestion, validated
+if TYPE_CHECKING:
+    from pipelines.config import PipelineConfig
 
 CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "conf"
 _VERSION_BASE = "1.3"
 _DEBUG = "HYDRA_FULL_ERROR"
 
-Config = TypeVar("Config", bound=PipelineConfig)
+Config = TypeVar("Config", bound="PipelineConfig")
+
+Task = Callable[[Any], None]
+"""The work of a pipeline, a function of its typed configuration."""
 
 
-def app(config_name: str, schema: type[Config]) -> Callable[[Callable[[Config], None]], Callable[[], None]]:
+def app(config_name: str) -> Callable[[Task], Callable[[], None]]:
     """Make ``task(config)`` the main function of a pipeline whose primary file is ``conf/<config_name>.yaml``.
 
-    The typed configuration is complete and validated before the task starts. In a sweep (``-m``), every job writes its
-    artefact to a separate folder: ``paths.sweep``, or ``<outputs>/sweeps/<pipeline>/<overrides>``.
+    The typed configuration is complete and validated before the task starts. Its schema is the annotation of
+    ``config``, a class of :mod:`pipelines.config` that is imported when a job starts: ``--help`` and ``--cfg job`` need
+    Hydra only. For the same reason, stages import what they call within functions.
+
+    In a sweep (``-m``), every job writes its artefact to a separate folder: ``paths.sweep``, or
+    ``<outputs>/sweeps/<pipeline>/<overrides>``.
     """
 
-    def decorate(task: Callable[[Config], None]) -> Callable[[], None]:
+    def decorate(task: Task) -> Callable[[], None]:
         @functools.wraps(task)
         def main() -> None:
-            sys.exit(_main(config_name, schema, task))
+            sys.exit(_main(config_name, task))
 
         return main
 
@@ -89,6 +96,8 @@ def to_typed(config: DictConfig, schema: type[Config]) -> Config:
     Raises:
         ConfigError: a key is unknown or missing, or a value has the wrong type or is out of range.
     """
+    from visualrhp.parameters import validated
+
     return validated(schema, OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
 
 
@@ -99,7 +108,7 @@ def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) 
         raise _config_error(error) from error
 
 
-def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]) -> int:
+def _main(config_name: str, task: Task) -> int:
     debug = os.environ.get(_DEBUG, "0") not in ("", "0")
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     failures: list[Exception] = []
@@ -108,7 +117,7 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
         """Hydra's task function; stores the failure of a single run rather than raising it to Hydra."""
         is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
         try:
-            typed = to_typed(config, schema)
+            typed = to_typed(config, _schema_of(task))
             task(_in_sweep_folder(typed) if is_sweep else typed)
         except Exception as error:
             mistake = _mistake(error)
@@ -133,6 +142,12 @@ def _main(config_name: str, schema: type[Config], task: Callable[[Config], None]
     for failure in failures:
         print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
     return 2 if failures else 0
+
+
+def _schema_of(task: Task) -> type[PipelineConfig]:
+    import pipelines.config
+
+    return getattr(pipelines.config, task.__annotations__["config"])
 
 
 class _Terminated(KeyboardInterrupt):
@@ -184,6 +199,7 @@ def _in_sweep_folder(config: Config) -> Config:
 def _config_error(error: Exception) -> Any:
     """The ConfigError that explains ``error`` at the command line."""
     from visualrhp.errors import ConfigError
+    from visualrhp.parameters import suggestion
 
     cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
     text = str(error)
@@ -219,6 +235,8 @@ def _config_error(error: Exception) -> Any:
 
 
 def _unknown_key(key: str, cause: BaseException) -> str:
+    from visualrhp.parameters import suggestion
+
     parent = getattr(cause, "parent_node", None)
     last = str(getattr(cause, "key", None) or key.rpartition(".")[2])
     groups = sorted(entry.name for entry in CONFIG_FOLDER.iterdir() if entry.is_dir())

@@ -19,9 +19,11 @@ from dataclasses import asdict
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pipelines.config import PipelineConfig
+if TYPE_CHECKING:
+    from pipelines.config import PipelineConfig
+
 
 # Keys that do not affect the result. The scale only provides values of other keys.
 _NOT_PART_OF_THE_RESULT = ("scale", "paths", "executor", "tracking")

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from pipelines.config import ExecutorConfig
-
 if TYPE_CHECKING:
     from distributed import Client
+
+    from pipelines.config import ExecutorConfig
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

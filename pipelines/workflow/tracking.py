@@ -20,11 +20,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import PipelineConfig
 from pipelines.workflow.artefacts import anchored_outputs, dvc_stage, git_commit
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
+
+    from pipelines.config import PipelineConfig
 
 _RUN_FILE = "mlflow_runs.json"
 _MAX_PARAM_LENGTH = 6000

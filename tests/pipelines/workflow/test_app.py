@@ -114,7 +114,7 @@ def test_a_mistake_is_one_paragraph_and_no_work(
 
 
 def test_an_error_of_the_task_is_one_paragraph(run: Run) -> None:
-    @app("report", ReportConfig)
+    @app("report")
     def main(config: ReportConfig) -> None:
         raise DataError(f"{config.evaluation} is\n  damaged")
 
@@ -122,7 +122,7 @@ def test_an_error_of_the_task_is_one_paragraph(run: Run) -> None:
 
 
 def test_ctrl_c_is_130(run: Run) -> None:
-    @app("report", ReportConfig)
+    @app("report")
     def main(config: ReportConfig) -> None:
         raise KeyboardInterrupt
 
@@ -132,7 +132,7 @@ def test_ctrl_c_is_130(run: Run) -> None:
 
 
 def test_sigterm_is_143(run: Run) -> None:
-    @app("report", ReportConfig)
+    @app("report")
     def main(config: ReportConfig) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)
@@ -143,7 +143,7 @@ def test_sigterm_is_143(run: Run) -> None:
 
 
 def test_a_defect_keeps_its_traceback(run: Run) -> None:
-    @app("report", ReportConfig)
+    @app("report")
     def main(config: ReportConfig) -> None:
         raise ZeroDivisionError
 
@@ -154,7 +154,7 @@ def test_a_defect_keeps_its_traceback(run: Run) -> None:
 def test_a_sweep_runs_every_job_in_a_separate_folder(run: Run) -> None:
     seen: list[tuple[float, str, list[str]]] = []
 
-    @app("train_rl", TrainRLConfig)
+    @app("train_rl")
     def main(config: TrainRLConfig) -> None:
         seen.append((config.learner.lr, config.paths.artefact, command_line_overrides()))
 
@@ -168,7 +168,7 @@ def test_a_sweep_runs_every_job_in_a_separate_folder(run: Run) -> None:
 
 
 def test_a_mistake_in_a_sweep_is_an_error(run: Run) -> None:
-    @app("train_rl", TrainRLConfig)
+    @app("train_rl")
     def main(config: TrainRLConfig) -> None:
         pass
 
@@ -180,7 +180,7 @@ def test_a_mistake_in_a_sweep_is_an_error(run: Run) -> None:
 def test_the_folder_of_an_experiment_is_used_in_its_sweep(run: Run) -> None:
     folders: list[str] = []
 
-    @app("train_rl", TrainRLConfig)
+    @app("train_rl")
     def main(config: TrainRLConfig) -> None:
         folders.append(config.paths.artefact)
 
@@ -201,7 +201,7 @@ def test_override_keys() -> None:
 @pytest.mark.parametrize("pipeline", PIPELINES)
 @pytest.mark.parametrize("question", [["--help"], ["--cfg", "job"]], ids=["help", "cfg"])
 def test_questions_are_answered_without_heavy_imports(pipeline: str, question: list[str], tmp_path: Path) -> None:
-    """Nothing is imported that takes more than 0.1 s, apart from what a configuration is checked with."""
+    """How long it takes is for the benchmarks; that nothing slow is imported can be told exactly."""
     code = (
         "import runpy, sys, atexit; sys.argv = sys.argv[1:];"
         "atexit.register(lambda: print('IMPORTED', *sys.modules));"
@@ -218,5 +218,6 @@ def test_questions_are_answered_without_heavy_imports(pipeline: str, question: l
     )
     answer, _, imported = done.stdout.partition("IMPORTED")
     assert "action_space:" in answer
-    heavy = {"torch", "torchrl", "optuna", "mlflow", "pandas", "scipy", "matplotlib", "dvc", "pyarrow"}
+    heavy = {"torch", "torchrl", "optuna", "mlflow", "pandas", "scipy", "matplotlib", "cv2", "dvc", "pymunk", "pyarrow"}
+    heavy |= {"shapely", "pydantic", "numpy", "gymnasium"}
     assert not heavy & set(imported.split())
