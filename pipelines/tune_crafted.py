@@ -129,9 +129,10 @@ def run_unit(config: TuneCraftedConfig, task: TrialTask) -> tuple[TrialTask, Tri
 
 def start_weights(config: TuneCraftedConfig) -> CraftedHeuristicConfig:
     """The handcrafted heuristic of the configuration, whose weights are the first trial."""
-    heuristic = getattr(config.planner, "heuristic", None)
-    assert isinstance(heuristic, CraftedHeuristicConfig)  # checked by TuneCraftedConfig
-    return heuristic
+    planner = config.planner
+    assert planner.algorithm == "receding_horizon"  # both are checked by TuneCraftedConfig
+    assert planner.heuristic.kind == "crafted"
+    return planner.heuristic
 
 
 def write_artefact(

@@ -1,4 +1,4 @@
-"""The abstract colour-labelled, robot-centric image of a state (paper, Sec. 5.1).
+"""The abstract colour-labelled, gripper-centric image of a state (paper, Sec. 5.1).
 
 The image moves and rotates with the gripper: the forward axis points up, the left axis left, and the origin of the
 gripper frame is always at the same pixel. It is stored as one byte (the label) per pixel, and coloured only where a
