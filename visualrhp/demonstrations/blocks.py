@@ -52,11 +52,6 @@ class BlockStore:
         self._observe = observe
         remove_unfinished_files(folder)
 
-    @property
-    def num_finished(self) -> int:
-        """Number of blocks in the folder."""
-        return len(list(self._folder.glob("block-*")))
-
     def blocks(self, numbers: range) -> Iterator[Arrays]:
         """Yield the blocks with these ``numbers``, in order; missing ones are generated first."""
         self._fill(numbers)
