@@ -12,7 +12,6 @@ import pytest
 from tests.evaluation.samples import sample_result, sample_scene
 from visualrhp.errors import DataError
 from visualrhp.evaluation.films import (
-    chosen_rollout,
     encode_film,
     film_episode,
     imagined_paths,
@@ -63,13 +62,11 @@ def test_the_world_is_drawn_as_it_is() -> None:
     assert (nominal != actual).any()
 
 
-def test_the_first_roll_out_of_the_highest_return_is_the_chosen_one() -> None:
-    decision = Decision(0, tuple(rollout(value) for value in (-math.inf, -3.0, -1.0, -1.0)))
-    assert chosen_rollout(decision) == 2
+def test_the_chosen_roll_out_is_marked() -> None:
+    decision = Decision(0, tuple(rollout(value) for value in (-math.inf, -3.0, -1.0, -1.0)), chosen=2)
     assert [path.is_chosen for path in imagined_paths(decision)] == [False, False, True, False]
     assert [path.value for path in imagined_paths(decision)] == [-math.inf, -3.0, -1.0, -1.0]
-    assert chosen_rollout(Decision(0)) is None
-    assert chosen_rollout(Decision(0, (rollout(-math.inf),))) is None
+    assert not imagined_paths(Decision(0))
 
 
 def test_films_can_be_played_and_posters_seen(tmp_path: Path) -> None:

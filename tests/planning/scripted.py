@@ -34,6 +34,12 @@ class ScriptedGuidance(Guidance):
     def mode(self) -> list[Action]:
         return [STAY] * len(self.values)
 
+    def take(self, rows: Sequence[int]) -> Guidance:
+        return ScriptedGuidance(self._script, self.values[list(rows)])
+
+    def widened(self, factor: float) -> Guidance:
+        return self
+
 
 class ScriptedHeuristic(Heuristic):
     """v(cell) from a table. ``script``: actions in the order of drawing: the first of all roll-outs first."""

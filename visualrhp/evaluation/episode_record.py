@@ -6,7 +6,6 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from visualrhp.evaluation.films import chosen_rollout
 from visualrhp.execution.episode import EpisodeResult, TimedDecision
 from visualrhp.types import Action
 
@@ -33,13 +32,15 @@ def _decision_record(timed: TimedDecision) -> dict[str, Any]:
         "time_s": timed.time_s,
         "timing": None if decision.timing is None else asdict(decision.timing),
         "num_invalid": decision.num_invalid,
-        "chosen_rollout": chosen_rollout(decision),
+        "chosen_rollout": decision.chosen,
         "rollouts": [
             {
                 "actions": [_plain(action) for action in rollout.actions],
                 "rewards": list(rollout.rewards),
                 "value_estimate": _finite(rollout.value_estimate),
                 "total_return": _finite(rollout.total_return),
+                "origin": rollout.origin,
+                "robust_return": None if rollout.robust_return is None else _finite(rollout.robust_return),
             }
             for rollout in decision.rollouts
         ],

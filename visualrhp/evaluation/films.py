@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -87,20 +86,10 @@ def film_episode(
 
 def imagined_paths(decision: Decision) -> list[ImaginedPath]:
     """The roll-outs of a decision as paths to draw."""
-    chosen = chosen_rollout(decision)
     return [
-        ImaginedPath(rollout.states, rollout.total_return, number == chosen)
+        ImaginedPath(rollout.states, rollout.total_return, number == decision.chosen)
         for number, rollout in enumerate(decision.rollouts)
     ]
-
-
-def chosen_rollout(decision: Decision) -> int | None:
-    """Index of the roll-out whose first action is taken, the first of the highest return (Alg. 1).
-
-    None if there are no roll-outs, or if all diverged.
-    """
-    returns = [rollout.total_return for rollout in decision.rollouts]
-    return returns.index(max(returns)) if returns and math.isfinite(max(returns)) else None
 
 
 def encode_film(frames: Iterable[Frame], fps: float) -> Film:

@@ -12,9 +12,12 @@ METHOD: Final = ("planner", "num_rollouts", "horizon")
 """Columns of an episodes table that together name a method."""
 
 KNOWN_METHODS: Final = (
+    "VisualRHP+ 3x3",
     "VisualRHP 6x6",
     "VisualRHP 3x3",
+    "CartesianRHP+ 3x3",
     "CartesianRHP 3x3",
+    "CraftedHeuristicRHP+ 8x4",
     "CraftedHeuristicRHP 8x4",
     "Greedy",
     "K.RRT",

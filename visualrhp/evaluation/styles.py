@@ -52,9 +52,12 @@ class MethodStyle:
 
 
 _LOOKS = (
+    (BLUE, "*"),
     (SKY, "D"),
     (BLUE, "o"),
+    (ORANGE, "h"),
     (ORANGE, "s"),
+    (GREEN, "p"),
     (GREEN, "^"),
     (VERMILION, "v"),
     (GREY, "X"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,14 @@ class Guidance(ABC):
     @abstractmethod
     def mode(self) -> list[Action]:
         """The most likely action of every state."""
+
+    @abstractmethod
+    def take(self, rows: Sequence[int]) -> Guidance:
+        """The guidance of the states with these indices."""
+
+    @abstractmethod
+    def widened(self, factor: float) -> Guidance:
+        """A policy with ``factor`` times the standard deviation or temperature, and the same values."""
 
 
 class Heuristic(ABC):
@@ -96,6 +104,12 @@ class SoftmaxGuidance(Guidance):
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]
 
+    def take(self, rows: Sequence[int]) -> SoftmaxGuidance:
+        return replace(self, q_values=self.q_values[list(rows)])
+
+    def widened(self, factor: float) -> SoftmaxGuidance:
+        return replace(self, temperature=factor * self.temperature)
+
 
 @dataclass(frozen=True)
 class GaussianGuidance(Guidance):
@@ -119,6 +133,13 @@ class GaussianGuidance(Guidance):
     def mode(self) -> list[Action]:
         return list(self.means)
 
+    def take(self, rows: Sequence[int]) -> GaussianGuidance:
+        chosen = list(rows)
+        return replace(self, means=self.means[chosen], stds=self.stds[chosen], values=self.values[chosen])
+
+    def widened(self, factor: float) -> GaussianGuidance:
+        return replace(self, stds=factor * self.stds)
+
 
 @dataclass(frozen=True)
 class UniformGuidance(Guidance):
@@ -138,3 +159,9 @@ class UniformGuidance(Guidance):
 
     def mode(self) -> list[Action]:
         return self.sample([mode_generator() for _ in self.values])
+
+    def take(self, rows: Sequence[int]) -> UniformGuidance:
+        return replace(self, values=self.values[list(rows)])
+
+    def widened(self, factor: float) -> UniformGuidance:
+        return self

@@ -37,6 +37,7 @@ class Plan:
         if self._episode is None or not self.actions:
             return Decision(action=None)
         rest = slice(self._num_done, None)
-        rollout = Rollout.of(self._episode.actions[rest], self._episode.states[rest], self._episode.rewards[rest])
+        parts = self._episode.actions[rest], self._episode.states[rest], self._episode.rewards[rest]
+        rollout = Rollout.of(*parts, origin="plan")
         self._num_done += 1
-        return Decision(rollout.actions[0], (rollout,))
+        return Decision(rollout.actions[0], (rollout,), chosen=0)

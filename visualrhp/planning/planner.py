@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace
 from visualrhp.simulation.rules import DISCOUNT
 from visualrhp.types import Action, State, Transition
+
+RolloutOrigin = Literal["policy", "mode", "warm start", "resampling", "plan"]
+"""Where the actions of a roll-out come from (see :class:`visualrhp.planning.RecedingHorizon`); ``plan``: a plan that is
+followed."""
 
 
 class PlanningModel(Protocol):
@@ -40,6 +44,10 @@ class PlanningModel(Protocol):
         """Whether ``state`` is valid and has the desired object in the target region."""
         ...
 
+    def perturbed(self, relative_std: float, rng: np.random.Generator) -> PlanningModel:
+        """A model that differs from this one as the world might (robust look-ahead)."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
@@ -56,6 +64,8 @@ class Rollout:
         value_estimate: v of the last state, 0 if that state is terminal, NaN if the roll-out diverged. 0 for planners
             without an estimate.
         total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
+        origin: of its actions.
+        robust_return: its return over perturbed models (robust look-ahead); None without them.
     """
 
     actions: tuple[Action, ...]
@@ -63,6 +73,13 @@ class Rollout:
     rewards: tuple[float, ...]
     value_estimate: float
     total_return: float
+    origin: RolloutOrigin = "policy"
+    robust_return: float | None = None
+
+    @property
+    def compared(self) -> float:
+        """The return by which roll-outs are compared."""
+        return self.total_return if self.robust_return is None else self.robust_return
 
     @classmethod
     def of(
@@ -72,13 +89,14 @@ class Rollout:
         rewards: Sequence[float],
         value_estimate: float = 0.0,
         discount: float = DISCOUNT,
+        origin: RolloutOrigin = "policy",
     ) -> Rollout:
         """Make a roll-out with its return; it has diverged if ``value_estimate`` is not finite."""
         total_return = sum(discount**k * reward for k, reward in enumerate(rewards))
         total_return += discount ** len(rewards) * value_estimate
         if not math.isfinite(value_estimate):
             total_return, value_estimate = -math.inf, math.nan
-        return cls(tuple(actions), tuple(states), tuple(rewards), value_estimate, total_return)
+        return cls(tuple(actions), tuple(states), tuple(rewards), value_estimate, total_return, origin)
 
     @property
     def is_diverged(self) -> bool:
@@ -112,12 +130,14 @@ class Decision:
         rollouts: the roll-outs that were compared, or the plan that is followed; empty for planners that have neither.
         num_invalid: number of roll-outs that diverged.
         timing: durations, for planners that measure them; not part of the comparison of decisions.
+        chosen: index of the roll-out whose first action is executed; None if it is the action of no roll-out.
     """
 
     action: Action | None
     rollouts: tuple[Rollout, ...] = ()
     num_invalid: int = 0
     timing: Timing | None = field(default=None, compare=False)
+    chosen: int | None = None
 
 
 class Policy(Protocol):

@@ -1,26 +1,30 @@
-"""Receding horizon planning guided by a heuristic (Sec. 5.2, Algorithm 1)."""
+"""Receding horizon planning guided by a heuristic (Sec. 5.2, Algorithm 1), and options beyond the paper."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from visualrhp.errors import SimulationError
 from visualrhp.heuristics.heuristic import Guidance, Heuristic
-from visualrhp.parameters import Count, Discount, Positive, SkipValidation, parameters
+from visualrhp.parameters import Count, Discount, Index, NonNegative, Positive, SkipValidation, parameters
+from visualrhp.planning.candidate import Candidate, KnownTransitions
 from visualrhp.planning.deadline import DecisionClock
-from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy, Rollout
+from visualrhp.planning.episode_memory import EpisodeMemory
+from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy, Rollout, Timing
 from visualrhp.simulation.rules import DISCOUNT
-from visualrhp.types import Action, State, Transition
+from visualrhp.types import State
+
+WIDENING = 2.0
+"""Factor of the standard deviation or temperature of the policy in the first resampling."""
 
 
 @parameters(kw_only=True)
 class RecedingHorizonParameters:
-    """Parameters of Algorithm 1; the defaults are those of VisualRHP 3x3 (Sec. 7.5).
+    """Parameters of Algorithm 1; the defaults are those of VisualRHP 3x3 (Sec. 7.5), without options.
 
     Attributes:
         num_rollouts: n; with a deadline, the number of roll-outs per round.
@@ -28,6 +32,15 @@ class RecedingHorizonParameters:
         discount: gamma.
         deadline_s: time limit of a decision [s]; None for n roll-outs without a limit. The decisions of one
             :meth:`RecedingHorizon.plan_batch` share it.
+        warm_start: whether the rest of the last decision's chosen roll-out, continued by the mode, competes again.
+        follow_mode: whether one more roll-out follows the mode of the policy.
+        max_resamplings: how often n more roll-outs are drawn, from wider distributions, while the best roll-out drops
+            an object, diverges, or returns to a state of the episode if these are avoided.
+        avoid_visited: whether roll-outs whose first action leads to a state in which the episode has been are chosen
+            only if there is no other one.
+        num_perturbed_models: k, number of perturbed models in which roll-outs are judged, too; 0 for the nominal alone.
+        perturbation: relative standard deviation of the shapes, friction and density of their objects.
+        judgement: return of a roll-out in these models and the nominal one: their ``mean``, or the ``worst``.
         name: in tables and figures; "RHP {n}x{h}" by default, with the deadline if there is one.
 
     Raises:
@@ -38,6 +51,13 @@ class RecedingHorizonParameters:
     horizon: Count = 3
     discount: Discount = DISCOUNT
     deadline_s: Positive | None = None
+    warm_start: bool = False
+    follow_mode: bool = False
+    max_resamplings: Index = 0
+    avoid_visited: bool = False
+    num_perturbed_models: Index = 0
+    perturbation: NonNegative = 0.05
+    judgement: Literal["mean", "worst"] = "mean"
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -61,6 +81,21 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
     diverges (the physics fails, or a pose, reward or value is not finite) has a return of minus infinity and is
     counted. If all roll-outs diverge, the action is the mode of the heuristic's policy. Ties go to the first roll-out.
 
+    **Options**, which are not in the paper and off by default (docs/planning.md has the reasons and measurements):
+
+    - *warm start*: a decision does not forget what the last one found: the rest of its chosen roll-out competes again,
+      continued by the mode of the policy;
+    - *mode*: samples of a policy are worse than its mode where little can go wrong, so one roll-out follows the mode;
+    - *resampling*: if even the best roll-out drops an object, n more are drawn, up to ``max_resamplings`` times: first
+      actions from a policy with twice the standard deviation or temperature, then uniformly;
+    - *visited states*: in the discrete action space, episodes run out of actions going round in circles; first actions
+      that lead to a state of the episode are avoided;
+    - *robust look-ahead*: the world differs from the model, so the actions of every roll-out are simulated in k
+      perturbed models, too, and compared by their mean or worst return. The models are drawn once per episode:
+      roll-outs and decisions are compared in the same ones.
+
+    The sampled roll-outs come first in a decision, then that of the mode, the warm start, and those of resampling.
+
     **With a deadline**, a decision chooses the best of as many roll-outs as fit, in rounds of n; it holds all of them.
     The heuristic evaluates all roll-outs at every depth, so a roll-out that the deadline stops is equivalent to one
     with a shorter horizon: it ends in the last state with a value, or in its terminal state. A decision is late by at
@@ -71,24 +106,32 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
     Attributes:
         heuristic: the stochastic policy and the value estimate.
         clock: returns the time [s].
-        num_rollouts, horizon, discount, deadline_s, name: see :class:`RecedingHorizonParameters`.
+        others: see :class:`RecedingHorizonParameters`.
     """
 
     heuristic: SkipValidation[Heuristic]
     clock: SkipValidation[Callable[[], float]] = field(default=time.perf_counter, kw_only=True, repr=False)
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
+        memory = EpisodeMemory()
+
         def policy(state: State) -> Decision:
-            return self.plan(model, state, rng)
+            return self.plan(model, state, rng, memory)
 
         return policy
 
-    def plan(self, model: PlanningModel, state: State, rng: np.random.Generator) -> Decision:
-        """Choose an action in ``state`` (Algorithm 1)."""
-        return self.plan_batch([model], [state], [rng])[0]
+    def plan(
+        self, model: PlanningModel, state: State, rng: np.random.Generator, memory: EpisodeMemory | None = None
+    ) -> Decision:
+        """Choose an action in ``state`` (Algorithm 1), the first one of an episode without a ``memory``."""
+        return self.plan_batch([model], [state], [rng], [EpisodeMemory() if memory is None else memory])[0]
 
     def plan_batch(
-        self, models: Sequence[PlanningModel], states: Sequence[State], rngs: Sequence[np.random.Generator]
+        self,
+        models: Sequence[PlanningModel],
+        states: Sequence[State],
+        rngs: Sequence[np.random.Generator],
+        memories: Sequence[EpisodeMemory] | None = None,
     ) -> list[Decision]:
         """Choose an action in each of B independent tasks; their roll-outs share the calls of the heuristic.
 
@@ -96,134 +139,173 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
             models: B models, one per task.
             states: B current states s_cur, none terminal.
             rngs: B generators, one per task, so that a decision does not depend on the other tasks.
+            memories: B memories of the episodes, which are updated; None for first decisions.
 
         Returns:
             B decisions.
         """
         clock = DecisionClock(self.clock, self.deadline_s)
-        known: list[_Known] = [{} for _ in models]
-        finished: list[list[Rollout]] = [[] for _ in models]
-        root = clock.guide(self.heuristic, [model.scene for model in models], states)
-        for _ in clock.rounds():  # one round without a deadline
-            # FirstAction: a ~ pi(.|s_cur), n samples in every task.
-            first_actions = [root.sample(rngs) for _ in range(self.num_rollouts)]  # [n, B]
-            rollouts = [
-                [_GrowingRollout(*task, first_actions[i][b]) for i in range(self.num_rollouts)]
-                for b, task in enumerate(zip(models, rngs, known, states, strict=True))
-            ]  # [B, n]
-            growing = [rollout for task in rollouts for rollout in task]
+        memories = [EpisodeMemory() for _ in models] if memories is None else memories
+        tasks = [_Task(*task, self) for task in zip(models, states, rngs, memories, strict=True)]
+        guidance = clock.guide(self.heuristic, [model.scene for model in models], states)
+        roots = [guidance.take([b]) for b in range(len(tasks))]
+        pending = list(zip(tasks, roots, strict=True))
+        while pending and not clock.is_too_late_to_guide():  # one round, without a deadline and resampling
+            # FirstAction: a ~ pi(.|s_cur), n samples in every task
+            growing = [candidate for task, root in pending for candidate in task.first_candidates(root)]
             for depth in range(1, self.horizon + 1):
                 # s <- simulatePhysics(s, a), r <- receiveRewards
                 if not clock.simulate(growing):
                     break
                 # if isTerminal(s): break
-                growing = [rollout for rollout in growing if rollout.is_open]
+                growing = [candidate for candidate in growing if candidate.is_open]
                 if not growing or clock.is_too_late_to_guide():
                     break
                 # v(s), and a ~ pi(.|s) for the next action
-                scenes = [rollout.model.scene for rollout in growing]
-                guidance = clock.guide(self.heuristic, scenes, [rollout.current for rollout in growing])
-                for rollout, value in zip(growing, guidance.values.tolist(), strict=True):
-                    rollout.value(value)
+                scenes = [candidate.model.scene for candidate in growing]
+                guidance = clock.guide(self.heuristic, scenes, [candidate.current for candidate in growing])
+                for candidate, value in zip(growing, guidance.values.tolist(), strict=True):
+                    candidate.value(value)
                 if depth < self.horizon:
-                    actions = guidance.sample([rollout.rng for rollout in growing])
-                    for rollout, action in zip(growing, actions, strict=True):
-                        rollout.next_action = action
+                    _choose_next(growing, guidance)
             # R <- R + gamma^h v(s), unless isTerminal(s) (Eq. 3)
-            for b, task in enumerate(rollouts):
-                finished[b] += [rollout.finish(self.discount) for rollout in task if rollout.is_valued]
+            rounds = [task.finish_round() for task, _ in pending]
+            if not self._judge([replay for replays in rounds for replay in replays], clock):
+                break
+            for (task, _), replays in zip(pending, rounds, strict=True):
+                task.close_round(replays)
+            if self.deadline_s is None:
+                pending = [(task, root) for task, root in pending if 0 < task.num_failed_rounds <= self.max_resamplings]
         # FirstAction[argmax(RolloutsReturn)]
-        return _choose(finished, root, clock)
+        timing = clock.timing()
+        return [task.decide(root, timing) for task, root in zip(tasks, roots, strict=True)]
 
-
-def _choose(finished: Sequence[Sequence[Rollout]], root: Guidance, clock: DecisionClock) -> list[Decision]:
-    """The first action of the best roll-out of every task; the mode of the policy if none has a return."""
-    best = [max(rollouts, key=lambda rollout: rollout.total_return, default=None) for rollouts in finished]
-    is_lost = any(rollout is None or rollout.is_diverged for rollout in best)
-    modes = root.mode() if is_lost else [None] * len(best)
-    timing = clock.timing()
-    return [
-        Decision(
-            action=mode if rollout is None or rollout.is_diverged else rollout.actions[0],
-            rollouts=tuple(rollouts),
-            num_invalid=sum(rollout.is_diverged for rollout in rollouts),
-            timing=timing,
-        )
-        for rollout, rollouts, mode in zip(best, finished, modes, strict=True)
-    ]
-
-
-_Known = dict[tuple[State, int], Transition]
+    def _judge(self, replays: Sequence[Candidate], clock: DecisionClock) -> bool:
+        """Simulate the scripts of ``replays``, and value their last states; False if the deadline passed before."""
+        growing = list(replays)
+        while growing:
+            if not clock.simulate(growing):
+                return False
+            growing = [replay for replay in growing if replay.is_open and len(replay.actions) < len(replay.script)]
+            for replay in growing:
+                replay.next_action = replay.script[len(replay.actions)]
+        unfinished = [replay for replay in replays if replay.is_open]
+        if unfinished:
+            if clock.is_too_late_to_guide():
+                return False
+            scenes = [replay.model.scene for replay in unfinished]
+            guidance = clock.guide(self.heuristic, scenes, [replay.current for replay in unfinished])
+            for replay, value in zip(unfinished, guidance.values.tolist(), strict=True):
+                replay.value(value)
+        return True
 
 
 @dataclass(slots=True)
-class _GrowingRollout:
-    """A roll-out of Algorithm 1 in progress.
+class _Task:
+    """The roll-outs of one task in a decision.
 
     Attributes:
-        known: transitions that were simulated in this decision.
-        num_valued: number of actions before the state with value ``value_estimate``; 0 if there is no value yet.
+        known: transitions that were simulated in this decision, in the nominal model and in the perturbed ones.
+        growing: the roll-outs of the current round.
+        rollouts: those of the closed rounds, and whether each should rather not be chosen.
+        num_failed_rounds: number of consecutive rounds after which even the best roll-out was bad.
     """
 
     model: PlanningModel
-    rng: np.random.Generator
-    known: _Known
     state: State
-    next_action: Action
-    actions: list[Action] = field(default_factory=list)
-    transitions: list[Transition] = field(default_factory=list)
-    value_estimate: float = 0.0
-    num_valued: int = 0
-    is_diverged: bool = False
+    rng: np.random.Generator
+    memory: EpisodeMemory
+    planner: RecedingHorizonParameters
+    known: list[KnownTransitions] = field(default_factory=list)
+    growing: list[Candidate] = field(default_factory=list)
+    finished: list[tuple[Candidate, Rollout]] = field(default_factory=list)
+    rollouts: list[tuple[Rollout, bool]] = field(default_factory=list)
+    num_failed_rounds: int = 0
+
+    def __post_init__(self) -> None:
+        planner, memory = self.planner, self.memory
+        memory.enter(self.state)
+        while len(memory.perturbed_models) < planner.num_perturbed_models:
+            memory.perturbed_models.append(self.model.perturbed(planner.perturbation, self.rng))
+        self.known = [{} for _ in range(1 + planner.num_perturbed_models)]
+
+    def first_candidates(self, root: Guidance) -> list[Candidate]:
+        """Begin the roll-outs of a round; ``root`` is the guidance of this task's state alone."""
+        parts = (self.model, self.rng, self.known[0], self.state)
+        count, level = self.planner.num_rollouts, min(self.num_failed_rounds, self.planner.max_resamplings)
+        if level >= 2:
+            actions = [self.model.action_space.sample(self.rng) for _ in range(count)]
+        else:
+            policy = root.widened(WIDENING) if level else root
+            actions = [policy.sample([self.rng])[0] for _ in range(count)]
+        is_first_round = not self.growing
+        self.growing = [Candidate(*parts, action, "resampling" if level else "policy") for action in actions]
+        if is_first_round and self.planner.follow_mode:
+            self.growing.append(Candidate(*parts, root.mode()[0], "mode"))
+        if is_first_round and self.planner.warm_start and self.memory.rest:
+            self.growing.append(Candidate(*parts, self.memory.rest[0], "warm start", self.memory.rest))
+        return self.growing
+
+    def finish_round(self) -> list[Candidate]:
+        """Compute the returns of the round's roll-outs; return their replays in the perturbed models, all of each."""
+        finished = [candidate for candidate in self.growing if candidate.is_valued]
+        self.finished = [(candidate, candidate.finish(self.planner.discount)) for candidate in finished]
+        return [
+            Candidate(model, self.rng, known, self.state, rollout.actions[0], script=rollout.actions)
+            for _, rollout in self.finished
+            for model, known in zip(self._perturbed_models, self.known[1:], strict=True)
+        ]
+
+    def close_round(self, replays: Sequence[Candidate]) -> None:
+        """Judge the round's roll-outs by their ``replays``, and keep them."""
+        k = len(self._perturbed_models)
+        for number, (candidate, rollout) in enumerate(self.finished):
+            own = replays[k * number : k * (number + 1)]
+            is_bad = rollout.is_diverged or candidate.is_dropped or self._is_avoided(candidate)
+            if own:
+                returns = [rollout.total_return, *(replay.finish(self.planner.discount).total_return for replay in own)]
+                robust_return = min(returns) if self.planner.judgement == "worst" else sum(returns) / len(returns)
+                rollout = replace(rollout, robust_return=robust_return)
+                is_bad = is_bad or any(replay.is_dropped or replay.is_diverged for replay in own)
+            self.rollouts.append((rollout, is_bad))
+        best = self.best()
+        failed = best is None or self.rollouts[best][1]
+        self.num_failed_rounds = self.num_failed_rounds + 1 if failed else 0
 
     @property
-    def current(self) -> State:
-        """The last state."""
-        return self.transitions[-1].next_state if self.transitions else self.state
+    def _perturbed_models(self) -> list[PlanningModel]:
+        return self.memory.perturbed_models[: self.planner.num_perturbed_models]
 
-    @property
-    def is_terminal(self) -> bool:
-        """Whether it has reached a terminal state."""
-        return bool(self.transitions) and self.transitions[-1].is_terminal
+    def best(self) -> int | None:
+        """Index of the roll-out to choose, the first of the best ones; None if there is none."""
+        keys = [(self.planner.avoid_visited and not is_bad, rollout.compared) for rollout, is_bad in self.rollouts]
+        return keys.index(max(keys)) if keys else None
 
-    @property
-    def is_open(self) -> bool:
-        """Whether it continues: neither diverged nor in a terminal state."""
-        return not self.is_diverged and not self.is_terminal
+    def _is_avoided(self, candidate: Candidate) -> bool:
+        """Whether the first action leads to a state of the episode, unless the roll-out reaches the goal."""
+        if not self.planner.avoid_visited or not candidate.transitions or candidate.transitions[-1].is_goal:
+            return False
+        return self.memory.has_visited(candidate.transitions[0].next_state)
 
-    @property
-    def is_valued(self) -> bool:
-        """Whether it has a return, possibly minus infinity; otherwise the deadline passed before it had one."""
-        return self.num_valued > 0 or not self.is_open
+    def decide(self, root: Guidance, timing: Timing) -> Decision:
+        """The first action of the best roll-out; the mode of the policy if none has a return."""
+        best = self.best()
+        rollouts = tuple(rollout for rollout, _ in self.rollouts)
+        chosen = None if best is None or rollouts[best].is_diverged else best
+        decision = Decision(
+            action=root.mode()[0] if chosen is None else rollouts[chosen].actions[0],
+            rollouts=rollouts,
+            num_invalid=sum(rollout.is_diverged for rollout in rollouts),
+            timing=timing,
+            chosen=chosen,
+        )
+        self.memory.remember(decision)
+        return decision
 
-    def simulate(self) -> None:
-        """s, r <- simulatePhysics(s, a). Discrete roll-outs often share their first actions, so ``known`` is reused."""
-        current = self.current
-        self.actions.append(self.next_action)
-        key = (current, self.next_action) if isinstance(self.next_action, int) else None
-        transition = self.known.get(key) if key is not None else None
-        if transition is None:
-            try:
-                transition = self.model.simulate(current, self.next_action)
-            except SimulationError:
-                self.is_diverged = True
-                return
-            if key is not None:
-                self.known[key] = transition
-        if not math.isfinite(transition.reward + sum(transition.next_state.vector.tolist())):
-            self.is_diverged = True
-            return
-        self.transitions.append(transition)
 
-    def value(self, estimate: float) -> None:
-        """Set v of the last state."""
-        self.value_estimate, self.num_valued = estimate, len(self.transitions)
-
-    def finish(self, discount: float) -> Rollout:
-        """Return the finished roll-out with its return (Eq. 3)."""
-        if self.is_open:  # the deadline may have passed between the last action and its value
-            del self.actions[self.num_valued :], self.transitions[self.num_valued :]
-        states = [self.state, *(transition.next_state for transition in self.transitions)]
-        rewards = [transition.reward for transition in self.transitions]
-        value_estimate = math.nan if self.is_diverged else 0.0 if self.is_terminal else self.value_estimate
-        return Rollout.of(self.actions, states, rewards, value_estimate, discount)
+def _choose_next(growing: Sequence[Candidate], guidance: Guidance) -> None:
+    """Choose the next action of every candidate."""
+    sampled = guidance.sample([candidate.rng for candidate in growing])
+    modes = guidance.mode() if any(candidate.follows_mode for candidate in growing) else sampled
+    for candidate, sample, mode in zip(growing, sampled, modes, strict=True):
+        candidate.choose_next(sample, mode)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from visualrhp.scene.noise import perturb
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ActionSpace
@@ -41,6 +44,10 @@ class TransitionModel:
             is_goal=not dropped and self.is_goal(next_state),
             is_dropped=dropped,
         )
+
+    def perturbed(self, relative_std: float, rng: np.random.Generator) -> TransitionModel:
+        """A model with perturbed shapes, friction and density (:func:`visualrhp.scene.noise.perturb`)."""
+        return TransitionModel(perturb(self.scene, relative_std, rng), self.action_space, self.simulator.physics)
 
     def advance(self, state: State, action: Action) -> State:
         """Return only the next state; errors as :meth:`simulate`."""

@@ -1,0 +1,179 @@
+"""The options beyond Algorithm 1, on the line of cells and in the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.planning.conftest import LEFT, RIGHT, LineWorld, at
+from tests.planning.scripted import STAY, ScriptedHeuristic, cells
+from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
+from visualrhp.planning import RecedingHorizon
+from visualrhp.planning.episode_memory import EpisodeMemory
+from visualrhp.scene import SceneDistribution, sample_task_instance
+from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.streams import Split
+from visualrhp.types import ActionSpaceName
+
+GAMMA = 0.5
+ALL = {"warm_start": True, "follow_mode": True, "max_resamplings": 4, "avoid_visited": True}
+ROBUST = ALL | {"num_perturbed_models": 2}
+
+
+def planner(heuristic: ScriptedHeuristic, n: int = 1, h: int = 2, **options: Any) -> RecedingHorizon:
+    return RecedingHorizon(heuristic, num_rollouts=n, horizon=h, discount=GAMMA, **options)
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_the_mode_competes(line_world: Callable[..., Any]) -> None:
+    """The mode stays; its value is the best."""
+    heuristic = ScriptedHeuristic({1: -1.0}, script=[RIGHT, RIGHT, STAY])
+    decision = planner(heuristic, follow_mode=True).plan(line_world(goal=9), at(1), rng())
+    assert [rollout.origin for rollout in decision.rollouts] == ["policy", "mode"]
+    assert decision.rollouts[1].actions == (STAY, STAY)
+    assert decision.action == (RIGHT if decision.chosen == 0 else STAY)
+
+
+def test_the_rest_of_the_chosen_rollout_competes_again(line_world: Callable[..., Any]) -> None:
+    """First right, right to the promising cell 3; then the samples go left, and the rest and the mode after it win."""
+    values = {3: 100.0, 2: 0.0, 1: -10.0, 0: -10.0}
+    heuristic = ScriptedHeuristic(values, script=[RIGHT, RIGHT, LEFT, LEFT, LEFT])
+    policy = planner(heuristic, warm_start=True).start(line_world(goal=9), rng())
+    first, second = policy(at(1)), policy(at(2))
+    assert [rollout.origin for rollout in first.rollouts] == ["policy"]
+    assert [rollout.origin for rollout in second.rollouts] == ["policy", "warm start"]
+    assert second.rollouts[1].actions == (RIGHT, STAY) and cells(second.rollouts[1].states) == [2, 3, 3]
+    assert (second.chosen, second.action) == (1, RIGHT)
+
+
+def test_without_a_memory_every_decision_is_the_first(line_world: Callable[..., Any]) -> None:
+    chosen = planner(ScriptedHeuristic({}), n=2, **ALL)
+    assert chosen.plan(line_world(goal=90), at(9), rng()) == chosen.plan(line_world(goal=90), at(9), rng())
+
+
+def test_more_are_drawn_only_while_the_best_drops(line_world: Callable[..., Any]) -> None:
+    """In cell 0, going left drops. The first two rounds of the policy do; the third is uniform."""
+    heuristic = ScriptedHeuristic({}, script=[LEFT, LEFT, LEFT, LEFT] + [STAY] * 20)
+    decision = planner(heuristic, n=2, h=1, max_resamplings=4).plan(line_world(goal=9), at(0), rng())
+    origins = [rollout.origin for rollout in decision.rollouts]
+    assert origins[:4] == ["policy", "policy", "resampling", "resampling"] and len(origins) % 2 == 0
+    assert all(rollout.actions == (LEFT,) for rollout in decision.rollouts[:4])
+    assert decision.action != LEFT
+    last_round = decision.rollouts[-2:]
+    assert any(rollout.actions != (LEFT,) for rollout in last_round)
+    assert all(rollout.actions == (LEFT,) for rollout in decision.rollouts[:-2])
+
+
+def test_resampling_is_bounded(line_world: Callable[..., Any]) -> None:
+    class Doomed(LineWorld):
+        """Every action drops the object."""
+
+        def is_dropped(self, state: Any) -> bool:
+            return True
+
+    decision = planner(ScriptedHeuristic({}), n=3, h=2, max_resamplings=4).plan(Doomed(), at(5), rng())
+    assert len(decision.rollouts) == 5 * 3
+    once = planner(ScriptedHeuristic({}), n=3, h=2).plan(Doomed(), at(5), rng())
+    assert len(once.rollouts) == 3
+
+
+def test_states_of_the_episode_are_avoided(line_world: Callable[..., Any]) -> None:
+    """Staying is best by its value, but would repeat the state; right is new; left was visited, and drops are worse."""
+    heuristic = ScriptedHeuristic({5: 100.0, 4: 50.0, 6: -30.0}, script=[STAY, LEFT, RIGHT])
+    memory = EpisodeMemory()
+    memory.enter(at(4))
+    avoiding = planner(heuristic, n=3, h=1, avoid_visited=True)
+    decision = avoiding.plan(line_world(goal=90), at(5), rng(), memory)
+    assert decision.action == RIGHT and decision.chosen == 2
+    heuristic = ScriptedHeuristic({0: -30.0}, script=[LEFT, STAY])
+    decision = planner(heuristic, n=2, h=1, avoid_visited=True).plan(line_world(goal=90), at(0), rng())
+    assert decision.action == STAY, "a visited state is better than a drop"
+
+
+@dataclass
+class WideEdge(LineWorld):
+    """Its perturbed models drop the object in cells below ``edge + 3``, and their random numbers are counted."""
+
+    def perturbed(self, relative_std: float, rng: np.random.Generator) -> WideEdge:
+        rng.random()
+        return WideEdge(self.goal, self.edge + 3)
+
+
+def test_robust_look_ahead_compares_returns_in_all_models() -> None:
+    """From cell 4: left is best in the nominal model (v = 50), but drops in the perturbed one after two actions."""
+    values = {2: 50.0, 6: -2.0, 3: 0.0, 5: 0.0}
+    script = [LEFT, RIGHT, LEFT, RIGHT]
+
+    def decide(**options: Any) -> Any:
+        chosen = planner(ScriptedHeuristic(values, script), n=2, h=2, **options)
+        return chosen.plan(WideEdge(goal=90), at(4), rng())
+
+    nominal = decide()
+    assert nominal.action == LEFT and all(rollout.robust_return is None for rollout in nominal.rollouts)
+    for judgement, expected in (("mean", (-1.5 + 12.5 - 26.0) / 2), ("worst", -26.0)):
+        robust = decide(num_perturbed_models=1, judgement=judgement)
+        assert robust.action == RIGHT and robust.chosen == 1
+        left, right = robust.rollouts
+        assert left.total_return == -1.5 + 12.5
+        assert left.robust_return == expected
+        assert right.robust_return == right.total_return == -1.5 - 0.5
+
+
+def test_perturbed_models_are_drawn_once_per_episode() -> None:
+    chosen = planner(ScriptedHeuristic({}), n=2, h=2, num_perturbed_models=2)
+    memory = EpisodeMemory()
+    world, generator = WideEdge(goal=90), rng()
+    chosen.plan(world, at(9), generator, memory)
+    models = list(memory.perturbed_models)
+    chosen.plan(world, at(9), generator, memory)
+    assert len(models) == 2 and [id(model) for model in memory.perturbed_models] == [id(model) for model in models]
+
+
+def test_tasks_of_a_batch_do_not_depend_on_each_other(line_world: Callable[..., Any]) -> None:
+    """One needs resampling, the other does not; both decide twice."""
+    values = {cell: -float(cell % 5) for cell in range(-20, 60)}
+    chosen = planner(ScriptedHeuristic(values), n=2, h=2, **ALL)
+    starts = [(0, 0), (1, 20), (2, 1)]
+
+    def decide(tasks: list[tuple[int, int]]) -> list[list[Any]]:
+        rngs = [np.random.default_rng(seed) for seed, _ in tasks]
+        memories = [EpisodeMemory() for _ in tasks]
+        worlds = [line_world(goal=90) for _ in tasks]
+        return [chosen.plan_batch(worlds, [at(cell) for _, cell in tasks], rngs, memories) for _ in range(2)]
+
+    together = decide(starts)
+    for number, start in enumerate(starts):
+        alone = decide([start])
+        assert [decisions[number] for decisions in together] == [decisions[0] for decisions in alone]
+
+
+@pytest.mark.parametrize("options", [ALL, ROBUST], ids=["plus", "robust"])
+@pytest.mark.parametrize("space", ["continuous", "discrete"])
+def test_with_all_options_in_the_simulator(space: ActionSpaceName, options: dict[str, Any]) -> None:
+    """Reproducible; the chosen roll-out is one of the decision's, and its predicted state is the next one."""
+    task = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 0, Split.TUNING, 1)
+    model = TransitionModel(task.scene, make_action_space(space))
+    chosen = RecedingHorizon(CraftedHeuristic(space, CostToGo()), num_rollouts=4, horizon=3, **options)
+    runs = []
+    for _ in range(2):
+        policy, state, decisions = chosen.start(model, np.random.default_rng(5)), task.state, []
+        for _ in range(4):
+            decision = policy(state)
+            decisions.append(decision)
+            assert decision.chosen is not None and decision.action is not None
+            state = model.simulate(state, decision.action).next_state
+            assert state == decision.rollouts[decision.chosen].states[1]
+        runs.append([cells_of(decision) for decision in decisions])
+    assert runs[0] == runs[1]
+    assert {origin for decision in runs[0] for origin, *_ in decision} >= {"policy", "mode", "warm start"}
+
+
+def cells_of(decision: Any) -> list[tuple[Any, ...]]:
+    return [(rollout.origin, rollout.total_return, rollout.states) for rollout in decision.rollouts]
