@@ -163,7 +163,7 @@ def file_stem(config: PlayConfig, num_objects: int) -> str:
     if config.scene_file is not None:
         task = Path(config.scene_file).stem
     parts = [title_of(config), config.action_space.name, task, f"seed{config.seed}", f"index{config.index}"]
-    return "_".join(re.sub(r"[^\w.-]+", "-", part.lower()).strip("-.") for part in parts)
+    return "_".join(re.sub(r"[^\w.-]+", "-", part.lower().replace("+", "-plus")).strip("-.") for part in parts)
 
 
 def looks(config: PlayConfig) -> dict[str, Any]:

@@ -158,17 +158,23 @@ def test_the_planners_are_those_of_the_paper() -> None:
         planner = compose("evaluate", EvaluateConfig, [f"planner={name}"]).planner
         assert isinstance(planner, RecedingHorizonConfig)
         assert (planner.num_rollouts, planner.horizon) == size
+        assert not any((planner.warm_start, planner.follow_mode, planner.max_resamplings, planner.avoid_visited))
+        assert planner.num_perturbed_models == 0
     planner = compose("evaluate", EvaluateConfig, ["planner=kinodynamic_rrt"]).planner
     assert isinstance(planner, KinodynamicRRTConfig)
     assert (planner.num_children, planner.time_limit_s) == (8, 180.0)
 
 
 # -------------------------------------------------- agreement with the library
+OPTIONS = {"warm_start": True, "follow_mode": True, "max_resamplings": 4, "avoid_visited": True}
+"""Of ``visual_rhp_plus``; ``visual_rhp`` is Algorithm 1 as written, without them."""
+
 OTHER_THAN_THE_DEFAULT = {
     ("ActorCriticImitationConfig", "return_unit"): "a departure of the ledger",
     ("QImitationConfig", "l2_regularization"): "the paper does not state its value (Eq. 3)",
     ("CraftedHeuristicRHP", "num_rollouts"): "8x4 (Sec. 7.5)",
     ("CraftedHeuristicRHP", "horizon"): "8x4 (Sec. 7.5)",
+    **{("VisualRHP+", name): "VisualRHP+ has the options" for name in OPTIONS},
     ("K.RRT closed loop", "max_simulations"): "a budget for every action, not for a plan",
     ("dhRRT", "max_simulations"): "a budget for every action, not for a plan",
 }
@@ -189,6 +195,7 @@ def values(config: Any) -> Iterator[Any]:
         ("generate_demos", []),
         ("evaluate", ["planner=crafted_heuristic_rhp"]),
         ("evaluate", ["planner=visual_rhp"]),
+        ("evaluate", ["planner=visual_rhp_plus"]),
         ("evaluate", ["planner=closed_loop_krrt"]),
         ("evaluate", ["planner=dhrrt"]),
         ("train_il", ["action_space=discrete"]),
