@@ -21,10 +21,10 @@ from visualrhp.evaluation.summaries import duration, main_rows, percent
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
 
-_OWN_METHOD: Final = "VisualRHP 3x3"
-"""The method that the headline is about, where it was evaluated."""
+_OWN_METHODS: Final = ("VisualRHP+ 3x3", "VisualRHP 3x3")
+"""The headline is about the first of them that was evaluated."""
 
-_RIVALS: Final = ("Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
+_RIVALS: Final = ("VisualRHP 3x3", "Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
 """The methods that the headline compares it with."""
 
 _PIXELS_PER_INCH: Final = 104
@@ -161,7 +161,7 @@ def _lead(main: pd.DataFrame) -> str:
     space = next(space for space in ACTION_SPACES if space in set(labelled["action_space"]))
     rows = labelled.loc[labelled["action_space"] == space]
     rates = {row["method"]: row for row in summarize(rows, ["method"]).to_dict("records")}
-    own = next(name for name in (_OWN_METHOD, *order_methods(list(rates))) if name in rates)
+    own = _own_method(list(rates))
     sentence = (
         f"{own} completes {percent(rates[own]['success_rate'])} of the tasks "
         f"({percent(rates[own]['success_rate_low'])} to {percent(rates[own]['success_rate_high'])}) "
@@ -171,10 +171,15 @@ def _lead(main: pd.DataFrame) -> str:
     return f"{sentence}; {', '.join(others)}." if others else f"{sentence}."
 
 
+def _own_method(methods: Sequence[str]) -> str:
+    """The method of the headline."""
+    return next(name for name in (*_OWN_METHODS, *order_methods(methods)) if name in methods)
+
+
 def _cards(main: pd.DataFrame) -> list[dict[str, str]]:
     labelled = with_labels(main)
     methods = labelled["method"].tolist()
-    own = _OWN_METHOD if _OWN_METHOD in methods else order_methods(methods)[0]
+    own = _own_method(methods)
     rows = labelled.loc[labelled["method"] == own]
     by_space = summarize(rows, ["action_space"]).to_dict("records")
     cards = [
