@@ -1,4 +1,4 @@
-"""The page says what the episodes say, and needs nothing but itself."""
+"""The page has the numbers of the episodes, and is self-contained."""
 
 from __future__ import annotations
 
@@ -36,6 +36,13 @@ def test_the_page_has_the_numbers_of_the_episodes() -> None:
     assert row in text
     assert "VisualRHP 3x3 with continuous actions has no network for some numbers of objects: 9 of 39 tasks" in text
     assert "0123456789" in text and "180" in text
+
+
+def test_the_headline_is_about_visualrhp_plus_where_it_was_evaluated() -> None:
+    table = report_table()
+    plus = table.loc[table["planner"] == "VisualRHP"].assign(planner="VisualRHP+", success=True)
+    text = words_of(page_of(pd.concat([table, plus], ignore_index=True)))
+    assert "VisualRHP+ 3x3 completes 100% of the tasks" in text and "VisualRHP 3x3 90%" in text
 
 
 def test_small_tables_make_a_page_too() -> None:

@@ -79,3 +79,31 @@ def test_uniform_guidance_covers_the_action_space(action_space: str) -> None:
         assert (np.abs(actions) <= 1.0).all()
         assert (actions.min(axis=0) < -0.9).all() and (actions.max(axis=0) > 0.9).all()
     assert len(guidance.mode()) == 400
+
+
+def test_taking_rows_gives_their_guidance() -> None:
+    q = np.random.default_rng(0).uniform(-20.0, 0.0, (4, 8))
+    means, stds = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 4, 4))
+    for guidance in (
+        SoftmaxGuidance(q, 2.0),
+        GaussianGuidance(means, np.abs(stds), np.arange(4.0)),
+        UniformGuidance("continuous", np.arange(4.0)),
+    ):
+        taken = guidance.take([2, 0])
+        np.testing.assert_array_equal(taken.values, guidance.values[[2, 0]])
+        whole = guidance.sample([np.random.default_rng(i) for i in range(4)])
+        part = taken.sample([np.random.default_rng(i) for i in (2, 0)])
+        np.testing.assert_array_equal(part, [whole[2], whole[0]])
+
+
+def test_a_widened_policy_has_the_same_mode_and_values() -> None:
+    gaussian = GaussianGuidance(np.full((1, 4), 0.3), np.full((1, 4), 0.2), np.array([-5.0]))
+    wide = gaussian.widened(2.0)
+    np.testing.assert_array_equal(wide.mode(), gaussian.mode())
+    offsets = [guidance.sample([np.random.default_rng(3)])[0] - 0.3 for guidance in (gaussian, wide)]
+    np.testing.assert_allclose(offsets[1], 2.0 * offsets[0])
+    softmax_guidance = SoftmaxGuidance(np.arange(8.0)[None], 1.0)
+    wide_softmax = softmax_guidance.widened(2.0)
+    np.testing.assert_allclose(wide_softmax.probabilities, softmax(np.arange(8.0)[None] / 2.0, axis=1))
+    np.testing.assert_array_equal(wide_softmax.values, softmax_guidance.values)
+    assert wide_softmax.mode() == softmax_guidance.mode()
