@@ -51,6 +51,7 @@ def test_states_are_finite_read_only_and_compared_bit_for_bit() -> None:
     assert State(np.zeros(8)) != State(-np.zeros(8))  # signs of zeros are bits, too
     vector[1] = 99.0  # a state holds a copy
     assert State(vector) != STATE and same == STATE
+    assert all(other != STATE for other in (STATE.vector.tolist(), 0, None))
 
 
 @given(st.floats(-1e3, 1e3))
@@ -82,6 +83,10 @@ def test_transitions_are_joined_to_an_episode() -> None:
     assert solved.outcome is Outcome.SUCCESS and solved.is_goal and not solved.is_dropped
     dropped = Episode.from_transitions([transition(0, is_dropped=True)])
     assert dropped.outcome is Outcome.DROPPED and dropped.is_dropped and dropped.rewards == (-50.0,)
+    both = transition(0, is_goal=True, is_dropped=True)
+    assert Episode.from_transitions([both]).outcome is Outcome.DROPPED  # a drop takes precedence
+    kinds = [transition(0), transition(0, is_goal=True), transition(0, is_dropped=True), both]
+    assert [kind.is_terminal for kind in kinds] == [False, True, True, True]
 
 
 def test_only_a_goal_and_a_drop_are_terminal() -> None:

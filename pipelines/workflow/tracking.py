@@ -12,6 +12,7 @@ import dataclasses
 import json
 import logging
 import os
+import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -78,6 +79,11 @@ def open_run(config: PipelineConfig, stage: str, name: str, work: Path | None = 
     tracker = _Tracker(config, stage, work)
     with tracker.run(name, parent=None, params=flatten(_params(config))) as run:
         yield run
+
+
+def metric_name(name: str) -> str:
+    """``name`` in the characters that MLflow allows: "rate/VisualRHP+ 3x3" -> "rate/VisualRHP plus 3x3"."""
+    return re.sub(r"[^\w\-. :/]", "_", name.replace("+", " plus"))
 
 
 def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -232,7 +238,9 @@ class _MlflowRun(Run):
         from mlflow.entities import Metric
 
         now = int(time.time() * 1000)
-        entries = [Metric(key, float(value), now, step) for key, value in metrics.items() if value is not None]
+        entries = [
+            Metric(metric_name(key), float(value), now, step) for key, value in metrics.items() if value is not None
+        ]
         if entries:
             self._tracker.client.log_batch(self._id, metrics=entries)
 

@@ -6,7 +6,10 @@ import numpy as np
 
 from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.demonstrations.pictures import contact_sheet, demonstration_frames, length_histogram
+from visualrhp.rendering.episode_renderer import episode_frames
 from visualrhp.rendering.frames import render_frame
+from visualrhp.rendering.video import Frame
+from visualrhp.types import Outcome
 
 CELL_PX = 160
 
@@ -38,3 +41,16 @@ def test_bars_of_the_histogram_are_centred_on_the_numbers() -> None:
     heights = {round(bar.get_x() + bar.get_width() / 2, 6): bar.get_height() for bar in axes.patches}  # pyright: ignore[reportAttributeAccessIssue]
     assert heights == {0: 0, 1: 1, 2: 0, 3: 2, 4: 1}
     assert axes.get_title() == "4 demonstrations, discrete: 2.8 actions on average"
+
+
+def test_the_video_names_the_action_space_and_the_outcome(stored: DemonstrationSet) -> None:
+    task, episode = next(iter(stored))
+    shown = [*demonstration_frames(stored, 1, 96)]
+
+    def last_frame(title: str, outcome: Outcome | None) -> Frame:
+        settings = {"size_px": 96, "frames_per_action": 4, "hold": 8}
+        return [*episode_frames(task.scene, episode.states, title=title, outcome=outcome, **settings)][-1]
+
+    title = f"K.RRT, {stored.action_space}"
+    np.testing.assert_array_equal(shown[-1], last_frame(title, Outcome.SUCCESS))
+    assert not np.array_equal(shown[-1], last_frame(title, None))

@@ -50,7 +50,28 @@ def test_failed_attempts_count_in_the_effort(statistics: AttemptStatistics) -> N
     assert metrics["simulated_mean"] == pytest.approx(np.mean(simulated))
     assert metrics["simulated_median"] == 200.0
     assert timings["search_time_total_s"] == pytest.approx(0.005 * sum(simulated))
+    assert metrics["simulated_p95"] == pytest.approx(470.0)  # position 0.95 * 6 = 5.7: 400 + 0.7 * 100
     assert not any("time" in name for name in metrics)  # they do not depend on the speed of the machine
+
+
+def test_times_of_searches() -> None:
+    found = AttemptStatistics()
+    found.add(attempts([1, 1, 0, 1], [1, 1, 0, 1], [1, 1, 1, 1]) | {"search_time_s": np.array([4.0, 1.0, 2.0, 9.0])}, 3)
+    assert found.timings() == pytest.approx(
+        {
+            "search_time_mean_s": 4.0,
+            "search_time_median_s": 3.0,
+            "search_time_p95_s": 8.25,  # position 0.95 * 3 = 2.85: 4 + 0.85 * 5
+            "search_time_total_s": 16.0,
+        }
+    )
+
+
+def test_a_demonstration_without_actions_has_a_finite_efficiency() -> None:
+    """The desired object is in the target region from the start."""
+    found = AttemptStatistics()
+    found.add(attempts([1, 1], [0, 4], [3, 2]), num_missing=2)
+    assert found.metrics()["action_efficiency"] == pytest.approx((3 / 1 + 2 / 4) / 2)
 
 
 def test_the_table_of_lengths(statistics: AttemptStatistics) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import mmap
+import os
+import signal
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 from visualrhp.environments.slots import SlotArrays, Slots, TaskFamily
-from visualrhp.environments.worker import serve
+from visualrhp.environments.worker import main, serve
 from visualrhp.errors import ActionError
 from visualrhp.observation import make_observation
 from visualrhp.scene.sampling import SceneDistribution
@@ -73,3 +75,22 @@ def test_an_error_is_the_answer_and_the_worker_continues(served: tuple[Connectio
     arrays.action[:] = 0
     connection.send(("act",))
     assert connection.recv() is None
+
+
+def test_a_worker_whose_parent_has_ended_closes_its_memory_and_returns() -> None:
+    """Ctrl-C does not end it: the parent decides."""
+    handler = signal.getsignal(signal.SIGINT)
+    ours, theirs = Pipe()
+    with tempfile.TemporaryFile() as file:
+        file.truncate(SlotArrays.num_bytes(FAMILY, NUM_SLOTS))
+        memory = os.dup(file.fileno())
+        ours.send((FAMILY, NUM_SLOTS, range(NUM_SLOTS)))
+        ours.close()
+        try:
+            main([str(os.dup(theirs.fileno())), str(memory)])
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        finally:
+            signal.signal(signal.SIGINT, handler)
+            theirs.close()
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(memory)

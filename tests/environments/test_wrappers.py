@@ -37,3 +37,19 @@ def test_only_the_image_of_an_observation_changes():
 def test_environments_without_label_images_are_refused():
     with pytest.raises(ConfigError, match="ColourImage wraps visualrhp/ClutterManipulation-v0"):
         ColourImage(gymnasium.make("CartPole-v1"))
+
+
+@pytest.mark.parametrize(
+    "spaces",
+    [
+        {"other": gymnasium.spaces.Box(0, 5, (64, 64), np.uint8)},
+        {"observation": gymnasium.spaces.Box(0, 5, (64, 64), np.float32)},
+        {"observation": gymnasium.spaces.Box(0, 5, (32, 32), np.uint8)},
+    ],
+    ids=["no observation", "floats", "smaller"],
+)
+def test_what_only_resembles_label_images_is_refused(spaces: dict[str, gymnasium.Space]) -> None:
+    env = gymnasium.Env()
+    env.observation_space = gymnasium.spaces.Dict(spaces)
+    with pytest.raises(ConfigError, match="observation='image'"):
+        ColourImage(env)

@@ -32,6 +32,9 @@ def test_pairs_are_states_with_their_actions() -> None:
     assert batch.gripper_closed[0].item() == episode.states[1].gripper_closed
     assert batch.observation.dtype is torch.uint8
     assert batch.steps_to_go.tolist() == [3, 3]
+    assert batch.action.dtype is batch.steps_to_go.dtype is torch.int64
+    closed = [state.gripper_closed for _, episode in pairs for state in episode.states[:-1]]
+    assert data.gripper_closed.tolist() == closed
 
 
 def test_label_images_are_kept_packed() -> None:
@@ -62,6 +65,8 @@ def test_mirroring_twice_is_the_identity_and_other_rows_are_unchanged(action_spa
     once = data.mirrored(rows, pairs.observation)
     assert torch.equal(once.observation[~rows], data.observation[~rows])
     assert not torch.equal(once.observation[rows], data.observation[rows])
+    assert torch.equal(once.action[~rows], data.action[~rows])
+    assert not torch.equal(once.action[rows], data.action[rows])
     twice = once.mirrored(rows, pairs.observation)
     assert torch.equal(twice.observation, data.observation)
     assert torch.equal(twice.action, data.action)
@@ -75,3 +80,22 @@ def test_mirrored_actions_are_those_of_the_action_space() -> None:
         space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
         expected = [space.mirror(a if a.ndim else int(a)) for a in data.action.numpy()]
         np.testing.assert_allclose(mirrored.action.numpy(), np.array(expected), rtol=1e-6)
+
+
+def test_the_held_out_demonstrations_depend_on_the_generator() -> None:
+    data = data_of("discrete", CARTESIAN, count=10)
+
+    def held_out(seed: int, fraction: float = 0.3) -> list[int]:
+        _, rows = data.split(fraction, torch.Generator().manual_seed(seed))
+        return torch.unique(data.demonstration[rows]).tolist()
+
+    assert held_out(0) == held_out(0)
+    assert len({tuple(held_out(seed)) for seed in range(5)}) > 1
+    assert [len(held_out(0, fraction)) for fraction in (0.0, 0.04, 0.28, 0.5)] == [0, 0, 3, 5]  # rounded
+
+
+def test_continuous_actions_are_stored_as_the_network_reads_them() -> None:
+    _, episode = demonstration(0, 3, "continuous")
+    data = ImitationData.from_demonstrations([demonstration(0, 3, "continuous")], CARTESIAN)
+    assert data.action.dtype is data.returns.dtype is torch.float32
+    np.testing.assert_array_equal(data.action.numpy(), np.array(episode.actions, dtype=np.float32))

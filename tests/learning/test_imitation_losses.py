@@ -86,3 +86,38 @@ def test_targets_never_exceed_the_current_value_or_the_margin(q: list[float], ac
     assert targets[action].item() == -6.0
     assert (targets[others] <= values[0, others]).all()
     assert (targets[others] <= -6.0 - margin + 1e-6).all()
+
+
+def test_losses_of_a_batch_are_means_of_those_of_its_pairs() -> None:
+    generator = torch.Generator().manual_seed(0)
+
+    def random(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator)
+
+    q, index, returns, margin = -20.0 * random(3, 8), torch.tensor([2, 0, 7]), -10.0 * random(3), random(3)
+    outputs, action = (random(3, 4), 0.1 + random(3, 4), -20.0 * random(3)), random(3, 4)
+    coefficients = (0.5, 0.7, 0.01)
+    whole = (
+        q_imitation_loss(q, index, returns, margin),
+        actor_critic_imitation_loss(outputs, action, returns, *coefficients),
+    )
+    rows = [slice(row, row + 1) for row in range(3)]
+    single = (
+        [q_imitation_loss(q[row], index[row], returns[row], margin[row]) for row in rows],
+        [
+            actor_critic_imitation_loss(
+                (outputs[0][row], outputs[1][row], outputs[2][row]), action[row], returns[row], *coefficients
+            )
+            for row in rows
+        ],
+    )
+    for (loss, terms), parts in zip(whole, single, strict=True):
+        torch.testing.assert_close(loss, torch.stack([part for part, _ in parts]).mean())
+        for name, term in terms.items():
+            torch.testing.assert_close(term, torch.stack([part[name] for _, part in parts]).mean())
+
+
+def test_no_gradient_flows_into_the_targets() -> None:
+    q = torch.full((1, 8), -9.0, requires_grad=True)
+    targets = q_targets(q, torch.tensor([0]), torch.tensor([-6.0]), torch.tensor([2.0]))
+    assert not targets.requires_grad

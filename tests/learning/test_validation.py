@@ -14,7 +14,7 @@ from visualrhp.heuristics.heuristic import Guidance, Heuristic, SoftmaxGuidance
 from visualrhp.learning.validation import GreedyValidation
 from visualrhp.planning import Greedy
 from visualrhp.scene import Scene, SceneDistribution, sample_task_instance
-from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.simulation import Physics, TransitionModel, make_action_space
 from visualrhp.streams import Split
 from visualrhp.types import Outcome, State
 
@@ -77,3 +77,19 @@ def test_without_a_success_the_means_are_zero() -> None:
 def test_no_instances_are_an_error() -> None:
     with pytest.raises(ConfigError, match="num_instances=0"):
         GreedyValidation(DISTRIBUTION, 0, seed=0)
+
+
+@pytest.mark.parametrize("physics", [None, Physics(motion_steps=20)], ids=["default", "shorter motions"])
+def test_the_instances_are_those_of_the_split_with_the_given_physics(physics: Physics | None) -> None:
+    """The first states that the heuristic sees are those of the instances; the next ones are simulated from them."""
+    seen: list[list[State]] = []
+
+    class Watched(Always):
+        def guide(self, scenes: Sequence[Scene], states: Sequence[State]) -> Guidance:
+            seen.append(list(states))
+            return super().guide(scenes, states)
+
+    GreedyValidation(DISTRIBUTION, 3, 2, Split.TUNING, physics)(Watched(0))
+    tasks = [sample_task_instance(DISTRIBUTION, 2, Split.TUNING, index) for index in range(3)]
+    assert seen[0] == [task.state for task in tasks]
+    assert seen[1] == [TransitionModel(t.scene, SPACE, physics).simulate(t.state, 0).next_state for t in tasks]

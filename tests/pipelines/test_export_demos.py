@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from pipelines.config import ExportDemosConfig, GenerateDemosConfig
-from pipelines.export_demos import export
+from pipelines.export_demos import export, main
 from pipelines.workflow.app import compose
 from pipelines.workflow.artefacts import card
 from visualrhp.demonstrations.generate import generate_block
@@ -53,7 +53,9 @@ def test_minari_is_written_for_an_observation(tmp_path: Path, demonstrations: Pa
     pytest.importorskip("minari")
     overrides = ["format=minari", "dataset_id=clutter/demos-v0", f"observation={observation}", "num_objects=1"]
     folder = export(configure(demonstrations, tmp_path / observation, *overrides))
-    assert (folder / "clutter" / "demos-v0").is_dir()
+    metadata = json.loads((folder / "clutter" / "demos-v0" / "data" / "metadata.json").read_text())
+    shape = json.loads(metadata["observation_space"])["subspaces"]["observation"]["shape"]
+    assert shape == ([64, 64] if observation == "image" else [4 * 1 + 6])
 
 
 def test_a_failed_export_leaves_the_earlier_one(tmp_path: Path, demonstrations: Path) -> None:
@@ -66,3 +68,18 @@ def test_a_failed_export_leaves_the_earlier_one(tmp_path: Path, demonstrations: 
         export(configure(tmp_path / "nowhere", target, "format=parquet"))
     assert {path.name: path.read_bytes() for path in target.iterdir()} == before
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
+
+
+def test_demonstrations_of_the_other_action_space_are_refused(tmp_path: Path, demonstrations: Path) -> None:
+    with pytest.raises(DataError, match="discrete"):
+        export(configure(demonstrations, tmp_path / "export", "action_space=continuous"))
+    assert not (tmp_path / "export").exists()
+
+
+def test_the_command_exports(tmp_path: Path, demonstrations: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = [*SETTINGS, f"demonstrations={demonstrations}", f"paths.artefact={tmp_path / 'export'}"]
+    monkeypatch.setattr("sys.argv", ["export_demos", *settings, "format=parquet"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    assert (tmp_path / "export" / "transitions.parquet").is_file()

@@ -11,7 +11,7 @@ import pytest
 
 from pipelines.config import TrainILConfig
 from pipelines.workflow.app import compose
-from pipelines.workflow.tracking import flatten, open_run
+from pipelines.workflow.tracking import flatten, metric_name, open_run
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +130,18 @@ def test_no_tracking_makes_nothing(tmp_path: Path) -> None:
         child.set_tags({"a": "b"})
         assert run.id is None
     assert not (tmp_path / "outputs").exists()
+
+
+@pytest.mark.parametrize("name", ["success_rate/VisualRHP+ 3x3", "a (b), c=[1,2]?", "progress/a_b-c.d: e"])
+def test_metrics_of_any_name_are_recorded(configure: Callable[..., TrainILConfig], client: Any, name: str) -> None:
+    with open_run(configure(), "train_il", "names") as run:
+        run.log_metrics({name: 0.5})
+    assert client.get_run(run.id).data.metrics == {metric_name(name): 0.5}
+
+
+def test_names_of_metrics() -> None:
+    assert metric_name("success_rate/VisualRHP+ 3x3") == "success_rate/VisualRHP plus 3x3"
+    assert metric_name("progress/a_b-c.d: e") == "progress/a_b-c.d: e"
 
 
 def test_flatten() -> None:
