@@ -1,15 +1,12 @@
 """Quasi-static planar physics: state and gripper motion to next state, on Chipmunk (pymunk).
 
 The simulator is exactly Markov: the next state is a bit-exact function of (scene, state, motion), whatever was
-    simulated
-before, because every motion begins in a new space (:mod:`visualrhp.simulation.chipmunk`). A motion ends when the world
-is at rest, so a state needs no velocities.
+simulated before, because every motion begins in a new space (:mod:`visualrhp.simulation.chipmunk`). A motion ends when
+the world is at rest, so a state needs no velocities.
 
 Gripper: no object on the table can stop the arm, so the *palm* moves exactly as commanded, and the *fingers* rotate
-    with
-it. They slide sideways on rails of the palm like racks on a pinion: a *pinion* that rotates on the palm has a pin at
-    each
-end, one in a slot of each finger, so that one motor of limited force opens and closes both symmetrically.
+with it. They slide sideways on rails of the palm like racks on a pinion: a *pinion* that rotates on the palm has a pin
+at each end, one in a slot of each finger, so that one motor of limited force opens and closes both symmetrically.
 
 Surface friction: each object rests on five points. A joint without position correction holds each of them to the ground
 with a fifth of the friction force mu m g. The distance of the points from the centre of mass is the mean distance of
