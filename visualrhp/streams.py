@@ -2,7 +2,7 @@
 
 A result is a function of (configuration, seed, index). Streams of task instances are NumPy generators, keyed by the
 split, the index of the instance and their use; those of trainings are seeds of torch generators. No two uses share a
-stream (a test compares them).
+stream (a test compares them), except that the initial weights and the imitation of a training have the same seed.
 """
 
 from __future__ import annotations

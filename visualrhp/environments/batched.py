@@ -48,7 +48,7 @@ class BatchedClutterEnv(EnvBase):
                                                      outside [-1, 1] are clipped for execution
     ``reward``         [N, 1] float32                -1, or -50 for a drop
     ``terminated``     [N, 1] bool                   goal or drop
-    ``truncated``      [N, 1] bool                   action limit
+    ``truncated``      [N, 1] bool                   action limit, or the physics diverged
     ``is_goal``        [N] bool                      the action reached the goal (false after a reset)
     ``is_dropped``     [N] bool                      the action dropped an object (false after a reset)
     ================== ============================= ==============================================================
