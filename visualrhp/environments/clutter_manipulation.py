@@ -50,7 +50,8 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
     ============ ====================== =======================================================================
 
     Reward: -1 per action, -50 when an object is dropped (Sec. 7). ``terminated``: goal or drop. ``truncated``: 49
-    actions without either, or the physics diverged. ``info``: ``is_goal``, ``is_dropped``, ``num_actions``, ``instance`` (index of the task).
+    actions without either, or the physics diverged. ``info``: ``is_goal``, ``is_dropped``, ``num_actions``,
+    ``instance`` (index of the task).
 
     Task instances are a function of (seed, split, episode): ``reset(seed=s)`` starts instance 0 of seed s, every later
     ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k. ``reset(options={"scene": scene,
