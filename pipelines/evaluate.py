@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _JOURNAL = "episodes.jsonl"
+_SLOW = ("kinodynamic_rrt", "closed_loop_krrt", "dhrrt")
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
     if journal:
         _log.info("%d episodes are finished, %d remain.", len(journal), len(missing))
     # Slow ones first, so that none of them is still running alone at the end.
-    missing.sort(key=lambda unit: unit.config.planner.algorithm != "kinodynamic_rrt")
+    missing.sort(key=lambda unit: unit.config.planner.algorithm not in _SLOW)
     started = time.perf_counter()
     results = run_tasks(run_unit, missing, config.executor)
     for key, row in tqdm(results, total=len(missing), desc="episodes", unit="episode", smoothing=0.05):

@@ -40,8 +40,7 @@ def video_tasks(config: ReportConfig) -> list[VideoTask]:
         ConfigError: a planner is unknown.
         CheckpointError: a network for any number of objects is missing, or a network is damaged.
     """
-    from pipelines.planners import build_planner, needed_network
-    from pipelines.points import fixes_num_objects
+    from pipelines.planners import build_planner, fixes_num_objects, needed_network
 
     videos = config.videos
     tasks = []

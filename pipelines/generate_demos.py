@@ -46,7 +46,7 @@ def main(config: GenerateDemosConfig) -> None:
     # Blocks of other code are not reused: they might not replay.
     work = work_folder(config, STAGE, {"commit": git_commit() or ""})
     published = Path(config.paths.artefact)
-    with a_full_disk_explained(work):
+    with explain_full_disk(work):
         if is_published(config, published, work):
             discard(work)
             return
@@ -161,21 +161,21 @@ def write_pictures(
 ) -> None:
     """Write the contact sheet, the video and the histogram of lengths to ``folder``."""
     from visualrhp.demonstrations import pictures
-    from visualrhp.files import atomic_path, full_disk_noticed
+    from visualrhp.files import atomic_path, detect_full_disk
     from visualrhp.rendering.pictures import write_picture
     from visualrhp.rendering.video import write_video
 
     write_picture(folder / "contact_sheet.png", pictures.contact_sheet(demonstrations))
     if config.video.num_scenes:
         frames = pictures.demonstration_frames(demonstrations, config.video.num_scenes, config.video.size_px)
-        with full_disk_noticed(folder):
+        with detect_full_disk(folder):
             write_video(folder / "demonstrations.webm", frames, _VIDEO_FPS)
     with atomic_path(folder / "lengths.png") as path:
         pictures.length_histogram(lengths.tolist(), demonstrations.action_space).savefig(path, dpi=120)
 
 
 @contextmanager
-def a_full_disk_explained(work: Path) -> Iterator[None]:
+def explain_full_disk(work: Path) -> Iterator[None]:
     """Report a full disk in one sentence.
 
     Raises:

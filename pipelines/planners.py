@@ -7,27 +7,25 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pipelines.config import CraftedHeuristicConfig, GreedyConfig, LearnedHeuristicConfig, RecedingHorizonConfig
+from pipelines.config import CraftedHeuristicConfig, GreedyConfig, LearnedHeuristicConfig, PlannerConfig
 from pipelines.networks import network_path
+from visualrhp.errors import CheckpointError
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.heuristics.heuristic import Heuristic
+from visualrhp.observation import observation_class
 from visualrhp.planning import Greedy, Planner, RecedingHorizon
-from visualrhp.planning.receding_horizon import RecedingHorizonParameters
+from visualrhp.planning.decision_task import RecedingHorizonParameters
 from visualrhp.types import ActionSpaceName
 
-AnyPlannerConfig = RecedingHorizonConfig | GreedyConfig | Planner
-"""A member of :data:`pipelines.config.PlannerConfig`; those of the RRT family are planners themselves."""
 
-
-def build_planner(
-    config: AnyPlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
-) -> Planner:
+def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int) -> Planner:
     """Build the planner for scenes with ``num_objects`` objects; networks are loaded from the folder ``heuristics``.
 
     Raises:
-        CheckpointError: a network is missing or damaged, or has another action space or observation.
+        CheckpointError: a network is missing (the message says how to train it) or damaged, or has another action space
+            or observation.
     """
-    if isinstance(config, Planner):
+    if isinstance(config, Planner):  # the RRT family
         return config
     heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
     if isinstance(config, GreedyConfig):
@@ -36,7 +34,7 @@ def build_planner(
 
 
 def needed_network(
-    config: AnyPlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
+    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
 ) -> Path | None:
     """Path of the network that a planner needs for scenes with ``num_objects`` objects; None if it needs none.
 
@@ -45,6 +43,13 @@ def needed_network(
     if isinstance(config, Planner) or not isinstance(config.heuristic, LearnedHeuristicConfig):
         return None
     return network_path(heuristics, action_space, config.heuristic.observation, num_objects)
+
+
+def fixes_num_objects(config: PlannerConfig) -> bool:
+    """Whether a planner needs a network for each number of objects (CartesianRHP, Sec. 7.5)."""
+    if isinstance(config, Planner) or not isinstance(config.heuristic, LearnedHeuristicConfig):
+        return False
+    return observation_class(config.heuristic.observation).fixes_num_objects
 
 
 def _build_heuristic(
@@ -56,6 +61,15 @@ def _build_heuristic(
     if isinstance(config, CraftedHeuristicConfig):
         return CraftedHeuristic(action_space, CostToGo(**_parameters(config, CostToGo)))
     path = network_path(heuristics, action_space, config.observation, num_objects)
+    if not path.is_file():
+        arguments = f"action_space={action_space} observation={config.observation}"
+        raise CheckpointError(
+            f"the network {path} does not exist. Train it with python -m pipelines.generate_demos action_space="
+            f"{action_space}, python -m pipelines.train_il {arguments} and python -m pipelines.train_rl {arguments}, "
+            "in this order (or all networks with dvc repro); or use a folder that has it, as in "
+            "heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or planner=kinodynamic_rrt, which "
+            "need no network"
+        )
     return load_once(path, _version(path), action_space, config.temperature)
 
 

@@ -33,6 +33,7 @@ _log = logging.getLogger(__name__)
 @app("play")
 def main(config: PlayConfig) -> None:
     """Run the planner, and write the video and the card."""
+    from pipelines.planners import build_planner
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.tracking import open_run
     from visualrhp.evaluation.episode_record import episode_record
@@ -41,8 +42,9 @@ def main(config: PlayConfig) -> None:
     from visualrhp.rendering.video import write_video
 
     instance = task_instance(config)
-    planner = checked_planner(config, instance.scene.num_objects)
-    path = Path(config.paths.artefact) / f"{file_stem(config, instance.scene.num_objects)}.webm"
+    space, num_objects = config.action_space.name, instance.scene.num_objects
+    planner = build_planner(config.planner, space, config.heuristics, num_objects)
+    path = Path(config.paths.artefact) / f"{file_stem(config, num_objects)}.webm"
     window = open_window(config)
     try:
         result, world_scene = play(config, instance, planner, window)
@@ -123,30 +125,6 @@ def task_instance(config: PlayConfig) -> TaskInstance:
                 raise ConfigError(f"{key} is for sampled scenes only, not for scene_file={config.scene_file}.")
         return load_task_instance(config.scene_file)
     return sample_task_instance(config.scene, config.seed, Split.EVALUATION, config.index)
-
-
-def checked_planner(config: PlayConfig, num_objects: int) -> Planner:
-    """Build the planner for scenes with ``num_objects`` objects.
-
-    Raises:
-        CheckpointError: a network is missing (the message says how to make it) or damaged.
-    """
-    from pipelines.planners import build_planner, needed_network
-    from visualrhp.errors import CheckpointError
-
-    space, planner = config.action_space.name, config.planner
-    path = needed_network(planner, space, config.heuristics, num_objects)
-    if path is not None and not path.is_file():
-        observation = getattr(getattr(planner, "heuristic", None), "observation", "image")
-        arguments = f"action_space={space} observation={observation}"
-        raise CheckpointError(
-            f"{planner.name} needs the network {path}, which does not exist. Make it with python -m "
-            f"pipelines.generate_demos action_space={space}, python -m pipelines.train_il {arguments} and python -m "
-            f"pipelines.train_rl {arguments}, in this order (or all networks with dvc repro); or use a folder that "
-            "has it, as in heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or "
-            "planner=kinodynamic_rrt, which need no network."
-        )
-    return build_planner(planner, space, config.heuristics, num_objects)
 
 
 def title_of(config: PlayConfig) -> str:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import EvaluateConfig, PlannerConfig, suite_overrides
+from pipelines.config import EvaluateConfig, suite_overrides
 from pipelines.workflow.app import command_line_overrides, compose, override_keys
 
 if TYPE_CHECKING:
@@ -117,8 +117,8 @@ def prepare(points: Sequence[Point]) -> list[Point]:
 
 
 def _prepare(point: Point, is_only: bool) -> Point:
-    from pipelines.planners import build_planner, needed_network
-    from visualrhp.scene import sample_task_instance
+    from pipelines.planners import build_planner, fixes_num_objects, needed_network
+    from visualrhp.scene.sampling import sampled_num_objects
     from visualrhp.streams import Split
 
     config = point.config
@@ -138,7 +138,7 @@ def _prepare(point: Point, is_only: bool) -> Point:
             index
             for index in indices
             if len(missing) == len(networks)
-            or sample_task_instance(config.scene, config.seed, Split.EVALUATION, index).scene.num_objects in missing
+            or sampled_num_objects(config.scene, config.seed, Split.EVALUATION, index) in missing
         }
         _log.warning(
             "%s (%s) has no network for %s objects: %d of %d episodes are skipped.",
@@ -166,11 +166,3 @@ def network_hashes(points: Sequence[Point]) -> dict[str, str]:
                 name = path.relative_to(config.heuristics).as_posix()
                 hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return dict(sorted(hashes.items()))
-
-
-def fixes_num_objects(planner: PlannerConfig) -> bool:
-    """Whether a planner needs a network for each number of objects (CartesianRHP, Sec. 7.5)."""
-    from visualrhp.observation import observation_class
-
-    observation = getattr(getattr(planner, "heuristic", None), "observation", None)
-    return observation is not None and observation_class(observation).fixes_num_objects

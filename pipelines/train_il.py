@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipelines.training import Part, Training, demonstrations_of, greedy_evaluation, observation_of
 from pipelines.workflow.app import app
@@ -23,17 +23,6 @@ if TYPE_CHECKING:
 STAGE = "train_il"
 
 _STATE = "state.safetensors"
-_CURVES = (
-    "greedy/success_rate",
-    "greedy/action_efficiency",
-    "train/loss",
-    "validation/loss",
-    "validation/value_rmse",
-    "validation/agreement",
-    "train/log_likelihood",
-    "validation/log_likelihood",
-    "train/entropy",
-)
 
 
 @app(STAGE)
@@ -77,6 +66,7 @@ def train_part(config: TrainILConfig, part: Part, folder: Path) -> Iterator[Metr
     from pipelines.workflow.artefacts import card
     from visualrhp.files import write_json
     from visualrhp.heuristics.conversion import save_heuristic
+    from visualrhp.learning.history import imitation_summary
 
     learner = make_learner(config, part)
     state = folder / _STATE
@@ -85,24 +75,12 @@ def train_part(config: TrainILConfig, part: Part, folder: Path) -> Iterator[Metr
     for row in learner.run():
         learner.save(state)
         yield row
-    metrics = summary(learner.history)
+    metrics = imitation_summary(learner.history)
     content_hash = _open_demonstrations(config).card["content_hash"]
     about = card(config, STAGE, part=part.name, metrics=metrics, demonstrations=content_hash)
     save_heuristic(folder / "heuristic.safetensors", learner.network, about)
     write_json(folder / "history.json", learner.history)
     write_json(folder / "metrics.json", metrics)
-
-
-def summary(history: list[Metrics]) -> dict[str, Any]:
-    """The metrics of the last epoch by group, without times."""
-    last = history[-1]
-    metrics: dict[str, Any] = {"epochs": int(last["epoch"])}
-    for group in ("train", "validation", "greedy"):
-        prefix = f"{group}/"
-        rows = {name.removeprefix(prefix): value for name, value in last.items() if name.startswith(prefix)}
-        if rows:
-            metrics[group] = {name: value for name, value in rows.items() if not name.endswith("_time_s")}
-    return metrics
 
 
 def _open_demonstrations(config: TrainILConfig) -> DemonstrationSet:
@@ -118,7 +96,7 @@ def _open_demonstrations(config: TrainILConfig) -> DemonstrationSet:
     return demonstrations
 
 
-TRAINING = Training(STAGE, "Imitation", "epoch", _CURVES, train_part)
+TRAINING = Training(STAGE, "Imitation", "epoch", train_part)
 
 
 if __name__ == "__main__":

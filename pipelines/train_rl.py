@@ -28,7 +28,7 @@ from pipelines.training import (
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
-    from pipelines.config import DQNConfig, TrainRLConfig
+    from pipelines.config import DQNLearnerConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.heuristics.networks import ActorCritic, QNetwork
     from visualrhp.learning.reinforcement import ReinforcementLearner
@@ -40,19 +40,6 @@ STAGE = "train_rl"
 _STATE = "state.safetensors"
 SAVE_INTERVAL_S = 30.0
 """Least time between two saved states of a training, and thus the most that a killed training loses."""
-
-_REPORTED = ("success_rate", "dropped_rate", "action_efficiency", "num_actions")
-_CURVES = (
-    "greedy/success_rate",
-    "greedy/action_efficiency",
-    "collection/success_rate",
-    "collection/return",
-    "value/td_rmse",
-    "q/loss",
-    "baseline/kl",
-    "policy/entropy",
-    "policy/kl",
-)
 
 
 @app(STAGE)
@@ -102,7 +89,7 @@ def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
     return C3PO(network, env, learner, **common)
 
 
-def _planner(learner: DQNConfig, network: QNetwork) -> RecedingHorizon:
+def _planner(learner: DQNLearnerConfig, network: QNetwork) -> RecedingHorizon:
     """The planner of eps-RHP, guided by the current weights of ``network``."""
     from visualrhp.heuristics.conversion import heuristic_of
     from visualrhp.planning import RecedingHorizon
@@ -122,6 +109,7 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
     from pipelines.workflow.artefacts import card
     from visualrhp.files import write_json
     from visualrhp.heuristics.conversion import save_heuristic
+    from visualrhp.learning.history import reinforcement_summary
 
     learner = make_learner(config, part)
     state = folder / _STATE
@@ -133,7 +121,7 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
             learner.save(state)
             saved = time.monotonic()
         yield row
-    metrics = summary(learner.history, learner.best_iteration)
+    metrics = reinforcement_summary(learner.history, learner.best_iteration)
     is_validated = config.validation.num_instances > 0
     published = {
         "heuristic": (learner.best_network, learner.best_iteration),
@@ -146,20 +134,6 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
         save_heuristic(folder / f"{stem}.safetensors", network, about)  # pyright: ignore[reportArgumentType]
     write_json(folder / "history.json", learner.history)
     write_json(folder / "metrics.json", metrics)
-
-
-def summary(history: list[Metrics], best_iteration: int) -> dict[str, Any]:
-    """Greedy performance of the initial, best and last network, and the number of transitions; without times."""
-    evaluated = [row for row in history if "greedy/success_rate" in row]
-    metrics: dict[str, Any] = {"iterations": int(history[-1]["iteration"])}
-    if evaluated:
-        best = next(row for row in evaluated if row["iteration"] == best_iteration)
-        metrics["best_iteration"] = best_iteration
-        for name, row in (("initial", evaluated[0]), ("best", best), ("last", evaluated[-1])):
-            metrics[name] = {key: row[f"greedy/{key}"] for key in _REPORTED if f"greedy/{key}" in row}
-    if "collection/transitions" in history[-1]:
-        metrics["transitions"] = int(history[-1]["collection/transitions"])
-    return metrics
 
 
 # ------------------------------------------------------------------------------------------------------------- inputs
@@ -202,7 +176,7 @@ def input_hashes(config: TrainRLConfig) -> dict[str, str]:
     return hashes
 
 
-TRAINING = Training(STAGE, "Reinforcement", "iteration", _CURVES, train_part)
+TRAINING = Training(STAGE, "Reinforcement", "iteration", train_part)
 
 
 if __name__ == "__main__":

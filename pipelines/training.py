@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,7 +100,6 @@ class Training:
         stage: name of the pipeline.
         label: of the progress bar.
         unit: of a row of metrics: ``epoch``, ``iteration``.
-        curves: metrics to plot.
         train_part: trains one network in a folder, or resumes its training; yields one row of metrics per unit and
             writes ``heuristic.safetensors``, ``history.json`` and ``metrics.json``, and possibly further networks.
     """
@@ -108,7 +107,6 @@ class Training:
     stage: str
     label: str
     unit: str
-    curves: Sequence[str]
     train_part: Callable[[Any, Part, Path], Iterator[Metrics]]
 
     def run(self, config: AnyConfig, num_rows: int, work: Path, run: Run) -> Path:
@@ -162,7 +160,7 @@ class Training:
         """Write the artefact: networks and cards, ``curves.csv``, ``metrics.json``, ``curves.png``, ``greedy.webm``."""
         import pandas as pd
 
-        from visualrhp.evaluation.training_figures import training_curves
+        from visualrhp.evaluation.training_figures import SHOWN_CURVES, training_curves
         from visualrhp.files import atomic_path, write_json
 
         folder = work / "artefact"
@@ -181,7 +179,7 @@ class Training:
         with atomic_path(folder / "curves.csv") as path:
             pd.concat(tables, names=["network", "row"]).droplevel("row").to_csv(path)
         with atomic_path(folder / "curves.png") as path:
-            training_curves(tables, self.unit, self.curves, self.unit).savefig(path, dpi=120)
+            training_curves(tables, self.unit, SHOWN_CURVES[self.stage].columns, self.unit).savefig(path, dpi=120)
         if config.video.num_scenes:
             self._write_preview(config, parts[-1], folder)
         for path in sorted(folder.iterdir()):

@@ -144,15 +144,20 @@ def write_artefact(
     from pipelines.workflow.artefacts import card, git_commit
     from visualrhp.evaluation.styles import save
     from visualrhp.evaluation.weight_search_figures import pushes_figure, search_figure
-    from visualrhp.evaluation.weight_search_tables import check_lines, result_card, space_metrics, trials_table
+    from visualrhp.evaluation.weight_search_tables import (
+        check_lines,
+        heuristic_yaml,
+        result_card,
+        space_metrics,
+        trials_table,
+    )
     from visualrhp.files import atomic_path, write_json, write_text
 
     folder.mkdir(exist_ok=True)
     with atomic_path(folder / "trials.csv") as path:
         trials_table(result.records, config.action_spaces).to_csv(path, index=False, float_format="%.4g")
     origin = f"# Trial {result.best.trial} of {len(result.searched)}: seed {config.seed}, commit {git_commit()}."
-    weights = [f"  {name}: {value}" for name, value in result.weights.items()]
-    write_text(folder / "best.yaml", "\n".join([origin, "heuristic:", "  kind: crafted", *weights]) + "\n")
+    write_text(folder / "best.yaml", f"{origin}\n{heuristic_yaml(result)}")
     save(search_figure(result.searched, result.best), folder / "search.png")
     compared = {"first weights": result.start_check, "best weights": result.best_check}
     save(pushes_figure(compared), folder / "pushes.png")

@@ -39,7 +39,7 @@ PICTURES = {
     "visualrhp/evaluation/training_figures.py": "figures",
     "visualrhp/demonstrations/pictures.py": "pictures and videos",
 }
-"""Show a result; only the report is about them. The other stages' are made again with the next result."""
+"""Code that shows a result. Only the report depends on it; other stages apply a change with their next result."""
 
 NOT_IMPORTED = {
     "pipelines/planners.py": [
@@ -181,7 +181,15 @@ def test_what_is_left_out_exists() -> None:
         assert (ROOT / entry).exists(), entry
 
 
+def test_data_files_of_the_library_are_dependencies_of_the_report() -> None:
+    """Templates, for instance, are not found through imports."""
+    (_, _, listed), *_ = expanded("report")
+    files = [path for package in ("visualrhp", "pipelines") for path in (ROOT / package).rglob("*") if path.is_file()]
+    data = [path for path in files if path.suffix not in (".py", ".pyc")]
+    assert data and all(is_within(path, listed) for path in data)
+
+
 def test_evaluation_computes_its_numbers_without_the_code_of_reports() -> None:
-    """A defect that there was: a change of a figure would have left stale metrics beside a new report."""
+    """A former defect: a change of a figure left stale metrics next to a new report."""
     code = {str(path.relative_to(ROOT)) for path in code_behind("evaluate", NOT_PART_OF_A_RESULT | PICTURES)}
     assert not [path for path in code if re.search(r"figure|report|page|rendering", path)]

@@ -39,7 +39,7 @@ def test_every_module_has_its_tests(module: Path) -> None:
     assert mirror.is_file(), f"{module} should be tested by {mirror.relative_to(ROOT)}"
 
 
-def test_what_is_tested_elsewhere_is() -> None:
+def test_modules_tested_elsewhere_are_listed_once() -> None:
     for module, test in TESTED_ELSEWHERE.items():
         assert (ROOT / module).exists() and (ROOT / test).is_file()
 

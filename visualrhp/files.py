@@ -64,7 +64,7 @@ def full_disk_error(error: BaseException) -> OSError | None:
 
 
 @contextmanager
-def full_disk_noticed(folder: Path) -> Iterator[None]:
+def detect_full_disk(folder: Path) -> Iterator[None]:
     """Detect a full disk after a writer that does not report it (OpenCV ignores it, or fails in another way).
 
     Raises:

@@ -142,6 +142,11 @@ class State:
         return self.vector[Column.GRIPPER_POSE]
 
     @property
+    def gripper_position(self) -> FloatArray:
+        """[2] x [m], y [m] of the gripper frame in the world frame."""
+        return self.vector[Column.GRIPPER_POSITION]
+
+    @property
     def gripper_opening(self) -> float:
         """Distance between the inner faces of the fingers [m]."""
         return float(self.vector[Column.OPENING])
@@ -155,6 +160,21 @@ class State:
     def object_poses(self) -> FloatArray:
         """[m, 3] x [m], y [m], theta [rad] of the objects, the desired object first."""
         return self.vector[Column.OBJECTS].reshape(-1, _OBJECT_COLUMNS)
+
+    @property
+    def object_positions(self) -> FloatArray:
+        """[m, 2] x [m], y [m] of the objects, the desired object first."""
+        return self.object_poses[:, :2]
+
+    @property
+    def object_angles(self) -> FloatArray:
+        """[m] theta [rad] of the objects, the desired object first."""
+        return self.vector[Column.OBJECTS_THETA]
+
+    @property
+    def desired_position(self) -> FloatArray:
+        """[2] x [m], y [m] of the desired object."""
+        return self.vector[Column.DESIRED_POSITION]
 
     @property
     def num_objects(self) -> int:
@@ -207,6 +227,11 @@ class Outcome(StrEnum):
     DIVERGED = "diverged"
     """The physics of the world failed."""
 
+    @classmethod
+    def of_state(cls, is_goal: bool, is_dropped: bool) -> Outcome | None:
+        """The outcome in a terminal state, where a drop takes precedence over the goal; None in any other state."""
+        return cls.DROPPED if is_dropped else cls.SUCCESS if is_goal else None
+
     @property
     def is_terminal(self) -> bool:
         """Whether the last state is terminal (Sec. 4), with no return after it; otherwise the episode was truncated."""
@@ -237,7 +262,7 @@ class Episode:
             states=(*(transition.state for transition in transitions), last.next_state),
             actions=tuple(transition.action for transition in transitions),
             rewards=tuple(transition.reward for transition in transitions),
-            outcome=Outcome.DROPPED if last.is_dropped else Outcome.SUCCESS if last.is_goal else None,
+            outcome=Outcome.of_state(last.is_goal, last.is_dropped),
         )
 
     @property

@@ -9,9 +9,9 @@ from visualrhp.learning import configs as learning
 from visualrhp.observation import observation_class
 from visualrhp.parameters import Count, Field, Index, Positive, parameters
 from visualrhp.planning.closed_loop_krrt import ClosedLoopKRRT
+from visualrhp.planning.decision_task import RecedingHorizonParameters
 from visualrhp.planning.dhrrt import DHRRT
 from visualrhp.planning.kinodynamic_rrt import KinodynamicRRT
-from visualrhp.planning.receding_horizon import RecedingHorizonParameters
 
 
 @parameters
@@ -103,21 +103,21 @@ PlannerConfig = Annotated[
 
 
 @parameters(kw_only=True)
-class QImitationConfig(learning.QImitationConfig):
+class QImitationLearnerConfig(learning.QImitationConfig):
     """Imitation in the discrete action space."""
 
     algorithm: Literal["q_imitation"]
 
 
 @parameters(kw_only=True)
-class ActorCriticImitationConfig(learning.ActorCriticImitationConfig):
+class ActorCriticImitationLearnerConfig(learning.ActorCriticImitationConfig):
     """Imitation in the continuous action space."""
 
     algorithm: Literal["actor_critic_imitation"]
 
 
 @parameters(kw_only=True)
-class DQNConfig(learning.DQNConfig):
+class DQNLearnerConfig(learning.DQNConfig):
     """DQN, its budget, its environments, and the parameters of RHP (Sec. 6.3.1).
 
     Attributes:
@@ -137,7 +137,7 @@ class DQNConfig(learning.DQNConfig):
 
 
 @parameters(kw_only=True)
-class C3POConfig(learning.C3POConfig):
+class C3POLearnerConfig(learning.C3POConfig):
     """C3PO or PPO, its budget and its environments (Sec. 6.3.2).
 
     Attributes:

@@ -6,13 +6,13 @@ from typing import Annotated, Any, Literal
 
 from pipelines.config.common import PipelineConfig
 from pipelines.config.groups import (
-    ActorCriticImitationConfig,
-    C3POConfig,
-    DQNConfig,
+    ActorCriticImitationLearnerConfig,
+    C3POLearnerConfig,
+    DQNLearnerConfig,
     KinodynamicRRTConfig,
     ObservationConfig,
     PlannerConfig,
-    QImitationConfig,
+    QImitationLearnerConfig,
     ValidationConfig,
     VideoConfig,
 )
@@ -91,7 +91,7 @@ class TrainILConfig(PipelineConfig):
     scene: SceneDistribution
     physics: Physics
     observation: ObservationConfig
-    learner: Annotated[QImitationConfig | ActorCriticImitationConfig, Field(discriminator="algorithm")]
+    learner: Annotated[QImitationLearnerConfig | ActorCriticImitationLearnerConfig, Field(discriminator="algorithm")]
     validation: ValidationConfig
     video: VideoConfig
     demonstrations: str
@@ -114,7 +114,7 @@ class TrainRLConfig(PipelineConfig):
     scene: SceneDistribution
     physics: Physics
     observation: ObservationConfig
-    learner: Annotated[DQNConfig | C3POConfig, Field(discriminator="algorithm")]
+    learner: Annotated[DQNLearnerConfig | C3POLearnerConfig, Field(discriminator="algorithm")]
     validation: ValidationConfig
     video: VideoConfig
     heuristic: str

@@ -160,7 +160,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def _hydra_for_one_run() -> Iterator[None]:
-    """Let Hydra raise exceptions instead of printing them, let SIGTERM clean up, and restore both afterwards."""
+    """Make Hydra raise exceptions instead of printing them, and SIGTERM an exception; restore both afterwards."""
     before = os.environ.get(_DEBUG)
     os.environ[_DEBUG] = "1"
     handler = signal.signal(signal.SIGTERM, _terminate)

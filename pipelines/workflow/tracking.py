@@ -51,12 +51,8 @@ class Run(ABC):
         """Record numbers in one write, except those that are None. ``step`` is an iteration or epoch."""
 
     @abstractmethod
-    def log_artifact(self, path: str | os.PathLike[str], folder: str | None = None) -> None:
-        """Record a file, or a folder with its content, under ``folder`` of the run."""
-
-    @abstractmethod
-    def set_tags(self, tags: Mapping[str, str]) -> None:
-        """Record tags by which runs can be searched."""
+    def log_artifact(self, path: str | os.PathLike[str]) -> None:
+        """Record a file, or the content of a folder."""
 
     @abstractmethod
     def child(self, name: str, params: Mapping[str, Any] | None = None) -> AbstractContextManager[Run]:
@@ -116,10 +112,7 @@ class _NullRun(Run):
     def log_metrics(self, metrics: Mapping[str, float | int | None], step: int = 0) -> None:
         pass
 
-    def log_artifact(self, path: str | os.PathLike[str], folder: str | None = None) -> None:
-        pass
-
-    def set_tags(self, tags: Mapping[str, str]) -> None:
+    def log_artifact(self, path: str | os.PathLike[str]) -> None:
         pass
 
     @contextmanager
@@ -244,16 +237,11 @@ class _MlflowRun(Run):
         if entries:
             self._tracker.client.log_batch(self._id, metrics=entries)
 
-    def log_artifact(self, path: str | os.PathLike[str], folder: str | None = None) -> None:
+    def log_artifact(self, path: str | os.PathLike[str]) -> None:
         if Path(path).is_dir():
-            self._tracker.client.log_artifacts(self._id, str(path), folder)
+            self._tracker.client.log_artifacts(self._id, str(path))
         else:
-            self._tracker.client.log_artifact(self._id, str(path), folder)
-
-    def set_tags(self, tags: Mapping[str, str]) -> None:
-        from mlflow.entities import RunTag
-
-        self._tracker.client.log_batch(self._id, tags=[RunTag(key, value) for key, value in tags.items()])
+            self._tracker.client.log_artifact(self._id, str(path))
 
     def child(self, name: str, params: Mapping[str, Any] | None = None) -> AbstractContextManager[Run]:
         return self._tracker.run(name, parent=self, params=flatten(params or {}))

@@ -74,7 +74,7 @@ def _overhead(num_envs: int, repetitions: int) -> None:
 
 
 def _workers(num_workers: int, repetitions: int) -> None:
-    """Steps without workers and with, taken in turn, by the clock on the wall."""
+    """Steps with and without workers, interleaved; wall clock."""
     environments = [_make(_BATCH, workers) for workers in (num_workers, 0)]
     data = [environment.reset() for environment in environments]
     times = np.empty((repetitions + 1, 2))

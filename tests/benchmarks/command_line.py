@@ -1,4 +1,4 @@
-"""How long a command line lets one wait before it works, against Python importing Hydra."""
+"""Start-up time of the command line, relative to `import hydra`."""
 
 from __future__ import annotations
 

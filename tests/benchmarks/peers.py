@@ -1,4 +1,4 @@
-"""Steps a second on one core beside gym-pusht and a Dynamic2D environment of KinDER. ``make bench-peers``
+"""Steps per second on one core, compared with gym-pusht and a Dynamic2D environment of KinDER. ``make bench-peers``
 
 The peers pin other versions of pymunk than ours, and than each other, so each has a virtual environment of its own,
 made by the make target from ``peers/*.txt``. All environments take random actions, without Gymnasium's environment
@@ -62,7 +62,7 @@ def _ours(observation: str, space: str, num_objects: int) -> Contestant:
 
 
 def _our_facts(contestant: Contestant, count: int = 100) -> dict[str, Any]:
-    """What a step of ours simulates, which goes past pymunk's objects: the mean of random actions."""
+    """Time steps that one of our steps simulates, without pymunk's objects: the mean over random actions."""
     environment = gymnasium.make(contestant.id, disable_env_checker=True, **contestant.arguments)
     environment.action_space.seed(0)
     environment.reset(seed=0)
@@ -153,7 +153,7 @@ class _Worker:
     def _answer(self) -> dict[str, Any]:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            if line.startswith("{"):  # some packages greet
+            if line.startswith("{"):  # some packages print a banner
                 return json.loads(line)
         raise RuntimeError(f"the process that steps an environment ended with {self.process.wait()}")
 

@@ -25,7 +25,7 @@ from visualrhp.types import Action, ActionSpaceName, State, Transition
 
 _TRAINED = Path(__file__).resolve().parents[2] / "outputs" / "train_rl"
 _DECISIONS = 6
-"""Of different states, so that no part finds in the processor's cache what it has just left there."""
+"""Number of different states, so that the parts do not profit from a warm processor cache."""
 
 _DEADLINES = (0.005, 0.02, 0.1)
 """[s]"""
@@ -180,10 +180,10 @@ def _show_decision(effort: Effort, heuristic: LearnedHeuristic, num_objects: int
 
 
 def _show_deadlines(effort: Effort) -> None:
-    """How late decisions with a deadline are on the wall, and how many roll-outs fit."""
+    """Lateness (wall clock) of decisions with a deadline, and the number of roll-outs that fit."""
     heuristic = _heuristic("continuous", "image", 7)
     walk = random_walks(7, 3)[0]
-    print(f"\nDecisions with a deadline, {numbered(7, 'object')}, continuous, image, on the wall")
+    print(f"\nDecisions with a deadline, {numbered(7, 'object')}, continuous, image, wall clock")
     for deadline_s in _DEADLINES:
         planner = RecedingHorizon(heuristic, deadline_s=deadline_s)
         model = _TimedModel(walk.scene, make_action_space("continuous"))

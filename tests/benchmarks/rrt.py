@@ -197,7 +197,7 @@ class OMPLSearch:
         radius = 0.5 * target.radius * math.sqrt(self._rng.random())
         angle = self._rng.uniform(-math.pi, math.pi)
         x, y = target.position[0] + radius * math.cos(angle), target.position[1] + radius * math.sin(angle)
-        object_x, object_y = start.object_poses[0, :2]
+        object_x, object_y = start.desired_position
         heading = math.atan2(y - object_y, x - object_x)
         standoff = self._rng.uniform(0.0, self._planner.standoff)
         self._write(start, 0.0, state)
@@ -251,20 +251,16 @@ class OMPLSearch:
 
     def _read(self, state: Any) -> State:
         robot, gripper = state[_ROBOT], state[_GRIPPER]
-        vector = [robot[0], robot[1], state[_HEADING].value, gripper[0], gripper[1]]
-        for place in range(_OBJECTS, _OBJECTS + 2 * self._task.scene.num_objects, 2):
-            position = state[place]
-            vector += [position[0], position[1], state[place + 1].value]
-        return State(np.array(vector))
+        places = range(_OBJECTS, _OBJECTS + 2 * self._task.scene.num_objects, 2)
+        poses = [[state[place][0], state[place][1], state[place + 1].value] for place in places]
+        return State.create([robot[0], robot[1], state[_HEADING].value], gripper[0], bool(gripper[1]), poses)
 
     def _write(self, source: State, depth: float, state: Any) -> None:
-        vector = source.vector.tolist()
-        state[_ROBOT][0], state[_ROBOT][1] = vector[:2]
-        state[_HEADING].value = wrap_angle(vector[2])  # OMPL refuses other angles
-        state[_GRIPPER][0], state[_GRIPPER][1] = vector[3:5]
+        state[_ROBOT][0], state[_ROBOT][1], heading = source.gripper_pose.tolist()
+        state[_HEADING].value = wrap_angle(heading)  # OMPL refuses other angles
+        state[_GRIPPER][0], state[_GRIPPER][1] = source.gripper_opening, float(source.gripper_closed)
         state[_DEPTH][0] = depth
-        for number in range(source.num_objects):
-            x, y, angle = vector[5 + 3 * number : 8 + 3 * number]
+        for number, (x, y, angle) in enumerate(source.object_poses.tolist()):
             position = state[_OBJECTS + 2 * number]
             position[0], position[1], state[_OBJECTS + 2 * number + 1].value = x, y, wrap_angle(angle)
 

@@ -1,4 +1,4 @@
-"""The sections, each run in a process of its own so that its peak memory is its own."""
+"""The sections, each in a separate process, so that its peak memory is measured."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def _describe(environment: gymnasium.Env, draws: bool) -> dict[str, Any]:
     if isinstance(observation, dict):
         observation = observation["observation"]
     facts: dict[str, Any] = {"observation": [*np.shape(observation)], "dtype": str(np.asarray(observation).dtype)}
-    if spaces:  # ours goes past pymunk's spaces: its caller knows the facts
+    if spaces:  # ours does not use pymunk's spaces, so the caller passes these
         facts["substeps"] = len(substeps) / count
         facts["time_step"] = substeps[0]
         facts["iterations"] = spaces[0].iterations

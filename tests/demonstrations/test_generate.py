@@ -6,7 +6,7 @@ import pytest
 
 from tests.demonstrations.conftest import ACTION_SPACES, attempt
 from visualrhp.demonstrations.generate import Attempt
-from visualrhp.demonstrations.replay import replays_exactly
+from visualrhp.demonstrations.replay import replay_difference
 from visualrhp.simulation import TransitionModel, make_action_space
 from visualrhp.types import ActionSpaceName
 
@@ -20,6 +20,6 @@ def test_a_demonstration_is_a_function_of_seed_and_index_and_replays_exactly(
     assert first.episode is not None and again.episode is not None
     assert first.episode.states == again.episode.states
     model = TransitionModel(first.task.scene, make_action_space(space))
-    assert replays_exactly(first.task, first.episode, model)
+    assert replay_difference(first.task, first.episode, model) is None
     wrong_start = attempts[space][5].task
-    assert not replays_exactly(wrong_start, first.episode, model)
+    assert replay_difference(wrong_start, first.episode, model) is not None

@@ -138,6 +138,6 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path):
 
 
 def is_zombie(process: int) -> bool:
-    """Whether it has ended, and only waits for somebody to ask how."""
+    """Whether it is a zombie process."""
     with open(f"/proc/{process}/stat") as stat:
         return stat.read().rsplit(")", 1)[1].split()[0] == "Z"

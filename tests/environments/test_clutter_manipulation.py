@@ -175,7 +175,7 @@ def test_a_bad_start_is_refused_before_anything_changes():
         ("not Scene and ndarray", {"scene": task.scene, "state": task.state.vector}),
         ("overlap", {"scene": task.scene, "state": stacked}),
         ("2 objects and the scene 3", {"scene": task.scene, "state": fewer.state}),
-        ("num_objects=3", {"scene": fewer.scene, "state": fewer.state}),
+        ("of 3 objects", {"scene": fewer.scene, "state": fewer.state}),
     ]:
         with pytest.raises(SceneError, match=message):
             env.reset(seed=5, options=options)

@@ -54,27 +54,30 @@ def test_commands_change_the_shared_arrays(served: tuple[Connection, SlotArrays]
     here = SlotArrays.over(FAMILY, NUM_SLOTS, bytearray(SlotArrays.num_bytes(FAMILY, NUM_SLOTS)))
     slots = Slots(FAMILY, here, range(NUM_SLOTS))
     connection.send(("start", 5, [0, 1, 2], [0, 1, 2]))
-    assert connection.recv() is None
+    assert connection.recv() == (None, None)
     slots.start(5, [0, 1, 2], [0, 1, 2])
     for block in (arrays, here):
         block.action[:], block.is_active[:] = [0, 4, 6], True
     connection.send(("act",))
-    assert connection.recv() is None
+    assert connection.recv() == (None, None)
     slots.act()
     for name, array in vars(here).items():
         np.testing.assert_array_equal(vars(arrays)[name], array, err_msg=name)
+    connection.send(("scenes", [2, 0]))
+    assert connection.recv() == (None, slots.scenes([2, 0]))
 
 
 def test_an_error_is_the_answer_and_the_worker_continues(served: tuple[Connection, SlotArrays]) -> None:
     connection, arrays = served
     connection.send(("start", 5, [0, 1, 2], [0, 1, 2]))
-    assert connection.recv() is None
+    assert connection.recv() == (None, None)
     arrays.action[:], arrays.is_active[:] = 99, True
     connection.send(("act",))
-    assert isinstance(connection.recv(), ActionError)
+    error, result = connection.recv()
+    assert isinstance(error, ActionError) and result is None
     arrays.action[:] = 0
     connection.send(("act",))
-    assert connection.recv() is None
+    assert connection.recv() == (None, None)
 
 
 def test_a_worker_whose_parent_has_ended_closes_its_memory_and_returns() -> None:

@@ -23,7 +23,7 @@ from visualrhp.evaluation.episodes import (
 from visualrhp.files import write_json
 from visualrhp.heuristics.crafted import CraftedHeuristic
 from visualrhp.planning import RecedingHorizon
-from visualrhp.planning.receding_horizon import RecedingHorizonParameters
+from visualrhp.planning.decision_task import RecedingHorizonParameters
 from visualrhp.scene import SceneDistribution
 from visualrhp.types import Outcome
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from visualrhp.evaluation.methods import Method, method_label, order_methods, with_labels
-from visualrhp.planning.receding_horizon import RecedingHorizonParameters
+from visualrhp.planning.decision_task import RecedingHorizonParameters
 
 
 def test_labels_are_the_papers():
@@ -30,6 +30,7 @@ def test_a_deadline_names_the_method_instead_of_the_number_of_roll_outs():
     limited = RecedingHorizonParameters(num_rollouts=3, horizon=4, deadline_s=0.05, name="VisualRHP")
     assert Method.of(limited) == Method("VisualRHP in 50 ms", None, 4)
     assert Method.of(limited).label == "VisualRHP in 50 ms"
+    assert Method.of(RecedingHorizonParameters(deadline_s=0.05)).label == "RHP 3x3 in 50 ms"
 
 
 def test_tables_are_labelled_by_their_columns():

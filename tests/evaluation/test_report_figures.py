@@ -21,9 +21,9 @@ def test_figures_7_to_10_where_there_are_episodes_for_them() -> None:
     assert stems(found["environments"]) == ["figure_7a", "figure_7b", "figure_8a", "figure_8b", "figure_9"]
     assert stems(found["robustness"]) == ["figure_10"]
     assert found["robustness"][0].caption.endswith("Paper, Fig. 10.")
-    quiet = result_figures(table.loc[(table["noise_level"] == "none") & (table["object_size"] == "mixed")])
-    assert stems(quiet["environments"]) == ["figure_7a", "figure_8a", "figure_9"]
-    assert not quiet["robustness"]
+    noiseless = result_figures(table.loc[(table["noise_level"] == "none") & (table["object_size"] == "mixed")])
+    assert stems(noiseless["environments"]) == ["figure_7a", "figure_8a", "figure_9"]
+    assert not noiseless["robustness"]
     assert not result_figures(table.loc[table["object_size"] == "small"])["robustness"]
 
 

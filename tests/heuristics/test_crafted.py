@@ -149,7 +149,7 @@ def test_it_solves_a_task_from_behind_with_hardly_a_detour(action_space: ActionS
 
 
 def test_the_weight_of_a_drop_plays_no_part_in_a_roll_out() -> None:
-    """A drop ends it: the reward of Sec. 7 is the penalty, and nothing is bootstrapped from (Alg. 1)."""
+    """A drop ends it: the reward of Sec. 7 is the penalty, and nothing is bootstrapped from (Algorithm 1)."""
     start = state((0.1, 0.0, 0.0), (0.21, 0.05))  # near the edge
     scene = Scene(TargetRegion(np.array([-0.2, 0.0])), (SQUARE,))
     paths = [run(replace(CostToGo(), drop=drop), "continuous", start, scene)[1] for drop in (0.0, 1000.0)]

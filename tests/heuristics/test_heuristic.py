@@ -40,7 +40,7 @@ def test_cold_softmax_draws_the_mode() -> None:
     )
 
 
-def test_what_is_drawn_from_values_that_are_no_numbers_is_still_an_action() -> None:
+def test_a_sample_from_values_that_are_not_finite_is_an_action() -> None:
     (action,) = SoftmaxGuidance(np.full((1, 8), np.nan), 1.0).sample([np.random.default_rng(0)])
     assert action in range(8)
 

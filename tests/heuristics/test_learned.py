@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.errors import ConfigError, SceneError
 from visualrhp.heuristics.conversion import heuristic_of
 from visualrhp.heuristics.heuristic import GaussianGuidance, SoftmaxGuidance
 from visualrhp.heuristics.networks import make_network
@@ -88,5 +88,5 @@ def test_temperature_must_be_positive() -> None:
 
 def test_cartesian_network_refuses_another_number_of_objects() -> None:
     task = tasks(1, num_objects=3)[0]
-    with pytest.raises(CheckpointError, match=r"scenes of 2 objects.*3"):
+    with pytest.raises(SceneError, match=r"3 objects.*of 2 objects"):
         heuristic_of(make_network("discrete", CARTESIAN)).guide([task.scene], [task.state])

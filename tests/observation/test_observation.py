@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.errors import ConfigError, SceneError
 from visualrhp.observation import (
     CartesianObservation,
     LabelImageObservation,
@@ -119,9 +119,7 @@ def test_a_network_of_another_number_of_objects_is_refused() -> None:
     scene = TASKS[0].scene
     for observe in OBSERVATIONS:
         observe.check(scene)
-    with pytest.raises(
-        CheckpointError, match="cartesian network reads scenes of 2 objects and cannot guide in one of 3"
-    ):
+    with pytest.raises(SceneError, match="the scene has 3 objects, but these are cartesian observations of 2 objects"):
         make_observation("cartesian", 2).check(scene)
 
 
@@ -140,9 +138,13 @@ def test_an_observation_describes_itself() -> None:
     ]
 
 
-def test_an_observation_has_to_be_defined_in_full() -> None:
-    class Half(Observation):
-        name = "half"
+def test_a_name_is_registered_once_and_by_the_class_that_defines_it() -> None:
+    class Base(Observation):  # without a name
+        pass
 
-    with pytest.raises(TypeError, match="abstract"):
-        make_observation("half")
+    with pytest.raises(ConfigError, match=r"'image' is defined by visualrhp\.observation\.label_image"):
+
+        class Other(Base):
+            name = "image"
+
+    assert observation_class("image") is LabelImageObservation

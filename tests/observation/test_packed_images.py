@@ -39,7 +39,7 @@ def test_an_empty_stack_is_empty() -> None:
 
 
 def test_images_of_scenes_are_small() -> None:
-    """A million images have to fit beside a training in 2 GB, those of the densest scenes, too."""
+    """A million images, even of the densest scenes, leave room for a training within 2 GB."""
     tasks = [sample_task_instance(SceneDistribution(num_objects=(7, 7)), 0, Split.EVALUATION, i) for i in range(40)]
     runs = PackedImages.pack(label_image(task.scene, task.state) for task in tasks)
     assert runs.nbytes / len(runs) < 1000

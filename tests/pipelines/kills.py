@@ -25,7 +25,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @dataclass
 class Tally:
-    """What became of one set.
+    """The result of one set.
 
     Attributes:
         kills: starts that were killed.

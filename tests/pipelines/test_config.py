@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from pipelines.config import (
-    C3POConfig,
-    DQNConfig,
+    C3POLearnerConfig,
+    DQNLearnerConfig,
     EvaluateConfig,
     ExportDemosConfig,
     GenerateDemosConfig,
@@ -133,13 +133,13 @@ def test_the_paper_scale_is_the_paper() -> None:
     assert (continuous["value_coefficient"], continuous["entropy_coefficient"]) == (0.7, 0.01)
 
     dqn = compose("train_rl", TrainRLConfig, ["scale=paper", "action_space=discrete"]).learner
-    assert isinstance(dqn, DQNConfig)
+    assert isinstance(dqn, DQNLearnerConfig)
     assert (dqn.batch_size, dqn.lr, dqn.discount, dqn.num_envs) == (2000, 1e-5, 0.995, 10)
     assert (dqn.epsilon, dqn.num_rollouts, dqn.horizon) == (0.2, 3, 3)
     assert (dqn.buffer_size, dqn.frames_per_batch, dqn.epochs) == (500_000, 2000, 3)
     assert dqn.target_update_interval is None
     c3po = compose("train_rl", TrainRLConfig, ["scale=paper"]).learner
-    assert isinstance(c3po, C3POConfig)
+    assert isinstance(c3po, C3POLearnerConfig)
     assert (c3po.batch_size, c3po.lr, c3po.discount, c3po.num_envs) == (2000, 1e-5, 0.995, 10)
     assert (c3po.clip_epsilon, c3po.frames_per_batch) == (0.075, 10_000)
     coefficients = (c3po.value_coefficient, c3po.entropy_coefficient, c3po.baseline_value_coefficient)
@@ -170,8 +170,8 @@ OPTIONS = {"warm_start": True, "follow_mode": True, "max_resamplings": 4, "avoid
 """Of ``visual_rhp_plus``; ``visual_rhp`` is Algorithm 1 as written, without them."""
 
 OTHER_THAN_THE_DEFAULT = {
-    ("ActorCriticImitationConfig", "return_unit"): "a departure of the ledger",
-    ("QImitationConfig", "l2_regularization"): "the paper does not state its value (Eq. 3)",
+    ("ActorCriticImitationLearnerConfig", "return_unit"): "a departure of the ledger",
+    ("QImitationLearnerConfig", "l2_regularization"): "the paper does not state its value (Eq. 3)",
     ("CraftedHeuristicRHP", "num_rollouts"): "8x4 (Sec. 7.5)",
     ("CraftedHeuristicRHP", "horizon"): "8x4 (Sec. 7.5)",
     **{("VisualRHP+", name): "VisualRHP+ has the options" for name in OPTIONS},
@@ -256,7 +256,7 @@ def test_every_key_of_the_pipelines_is_read_by_some_code() -> None:
         }
         for field in entries(schema):
             read = field.name in of_the_library or re.search(rf"\b{field.name}\b", code)
-            assert read, f"nobody reads {name}.{field.name}"
+            assert read, f"{name}.{field.name} is not read"
 
 
 def entries(schema: type) -> tuple[Any, ...]:

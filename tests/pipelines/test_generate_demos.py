@@ -21,7 +21,7 @@ from pipelines.workflow.app import compose
 from pipelines.workflow.tracking import open_run
 from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.errors import ConfigError, DataError
-from visualrhp.files import full_disk_noticed
+from visualrhp.files import detect_full_disk
 
 SETTINGS = (
     "scale=smoke",
@@ -195,7 +195,7 @@ def test_a_full_disk_is_explained_and_generation_resumes_from_the_finished_shard
     monkeypatch.setattr(np, "savez", on_a_full_disk)
     with (
         pytest.raises(DataError, match=r"no space left .* rerun the command to resume"),
-        generate_demos.a_full_disk_explained(tmp_path),
+        generate_demos.explain_full_disk(tmp_path),
     ):
         generate(tmp_path)
     kept = content(tmp_path / "set")
@@ -218,7 +218,7 @@ def test_a_file_that_cannot_grow_is_a_full_disk(tmp_path: Path, reference: dict[
     try:
         with (
             pytest.raises(DataError, match=r"no space left .*File too large"),
-            generate_demos.a_full_disk_explained(tmp_path),
+            generate_demos.explain_full_disk(tmp_path),
         ):
             generate(tmp_path)
     finally:
@@ -231,18 +231,18 @@ def test_a_disk_that_the_video_filled_is_a_full_disk(tmp_path: Path, monkeypatch
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
     with (
         pytest.raises(DataError, match="no space left"),
-        generate_demos.a_full_disk_explained(tmp_path),
-        full_disk_noticed(tmp_path),
+        generate_demos.explain_full_disk(tmp_path),
+        detect_full_disk(tmp_path),
     ):
         pass
     monkeypatch.undo()
-    with full_disk_noticed(tmp_path):
+    with detect_full_disk(tmp_path):
         pass
 
 
 def test_other_errors_are_not_reported_as_a_full_disk(tmp_path: Path) -> None:
     for error in (PermissionError(errno.EACCES, "no"), ValueError("no")):
-        with pytest.raises(type(error), match="no"), generate_demos.a_full_disk_explained(tmp_path):
+        with pytest.raises(type(error), match="no"), generate_demos.explain_full_disk(tmp_path):
             raise error
 
 

@@ -21,6 +21,7 @@ from visualrhp.execution.episode import EpisodeResult, run_task
 from visualrhp.heuristics.conversion import save_heuristic
 from visualrhp.heuristics.networks import make_network
 from visualrhp.observation import make_observation
+from visualrhp.planning import Planner
 from visualrhp.rendering.video import read_video
 from visualrhp.rendering.window import Window, ppm
 from visualrhp.scene import NOISE_LEVELS, Scene, SceneDistribution, sample_task_instance, save_task_instance
@@ -49,16 +50,20 @@ def configure(*overrides: str) -> PlayConfig:
     return compose("play", PlayConfig, [*settings, *overrides])
 
 
+def planner_of(config: PlayConfig, num_objects: int) -> Planner:
+    return build_planner(config.planner, config.action_space.name, config.heuristics, num_objects)
+
+
 def played(config: PlayConfig, window: Window | None = None) -> tuple[EpisodeResult, Scene]:
     instance = pipeline.task_instance(config)
-    return pipeline.play(config, instance, pipeline.checked_planner(config, instance.scene.num_objects), window)
+    return pipeline.play(config, instance, planner_of(config, instance.scene.num_objects), window)
 
 
 def evaluated(config: PlayConfig) -> EpisodeResult:
     """The same episode as an evaluation runs it."""
     space = config.action_space.name
     return run_task(
-        build_planner(config.planner, space, config.heuristics, 2),
+        planner_of(config, 2),
         pipeline.task_instance(config),
         config.seed,
         Split.EVALUATION,
@@ -121,10 +126,10 @@ def test_a_missing_network_is_an_error_that_says_how_to_make_it(planner: str, sp
     config = configure(f"planner={planner}", f"action_space={space}", "heuristics=nowhere")
     path = needed_network(config.planner, space, "nowhere", 2)
     if path is None:
-        assert pipeline.checked_planner(config, 2).name
+        assert planner_of(config, 2).name
         return
     with pytest.raises(CheckpointError) as error:
-        pipeline.checked_planner(config, 2)
+        planner_of(config, 2)
     message = str(error.value)
     observation = "cartesian" if planner.startswith("cartesian_rhp") else "image"
     assert str(path) in message

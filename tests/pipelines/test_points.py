@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from pipelines.config import EvaluateConfig
-from pipelines.points import Point, compose_points, fixes_num_objects, network_hashes, prepare
+from pipelines.planners import fixes_num_objects
+from pipelines.points import Point, compose_points, network_hashes, prepare
 from pipelines.workflow.app import compose
 from visualrhp.errors import CheckpointError, ConfigError, DataError
 

@@ -1,4 +1,4 @@
-"""The report: one page that needs nothing but itself, with its figures and videos."""
+"""The report: one self-contained page with figures and videos."""
 
 from __future__ import annotations
 

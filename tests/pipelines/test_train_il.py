@@ -1,4 +1,4 @@
-"""Imitation of a few demonstrations: going on after a kill, networks of each observation, inputs that do not fit."""
+"""Imitation of a few demonstrations: resuming after a kill, networks of each observation, inputs that do not fit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipelines.config import TrainILConfig
-from pipelines.train_il import make_learner, summary, train_part
+from pipelines.train_il import make_learner, train_part
 from pipelines.training import parts_of
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import single_threaded
@@ -66,11 +66,6 @@ def test_a_killed_training_resumes_to_the_same_network(demonstrations: Path, tmp
     assert all(torch.equal(first[key], second[key]) for key in first)
 
 
-def test_the_summary_leaves_times_out() -> None:
-    history = [{"epoch": 2.0, "lr": 0.1, "samples_per_s": 5.0, "train/loss": 1.5, "greedy/success_rate": 0.5}]
-    assert summary(history) == {"epochs": 2, "train": {"loss": 1.5}, "greedy": {"success_rate": 0.5}}
-
-
 def test_each_observation_has_its_networks(demonstrations: Path) -> None:
     cartesian = configure(demonstrations, "observation.num_objects=[1,4]")
     assert [part.suffix for part in parts_of(cartesian)] == ["_m1", "_m4"]
@@ -79,9 +74,9 @@ def test_each_observation_has_its_networks(demonstrations: Path) -> None:
 
 
 def test_demonstrations_that_do_not_fit_are_refused(demonstrations: Path, tmp_path: Path) -> None:
-    other_density = configure(demonstrations, "observation.num_objects=[4]")
+    other_number = configure(demonstrations, "observation.num_objects=[4]")
     with pytest.raises(DataError, match="no demonstrations"):
-        make_learner(other_density, parts_of(other_density)[0])
+        make_learner(other_number, parts_of(other_number)[0])
     other_space = configure(demonstrations, "action_space=discrete")
     with pytest.raises(DataError, match="continuous"):
         make_learner(other_space, parts_of(other_space)[0])

@@ -1,4 +1,4 @@
-"""Reinforcement learning of one small network: what is published, going on after a kill, and inputs that do not fit."""
+"""Reinforcement learning of one small network: what is published, resuming after a kill, and inputs that do not fit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipelines.config import TrainRLConfig
-from pipelines.train_rl import input_hashes, make_learner, summary, train_part
+from pipelines.train_rl import input_hashes, make_learner, train_part
 from pipelines.training import parts_of
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import single_threaded
@@ -74,23 +74,6 @@ def test_without_validation_the_last_network_is_published(outputs):
     start = weights(outputs / "train_il/continuous/cartesian/heuristic_m1.safetensors")
     assert all(torch.equal(published[key], last[key]) for key in last)
     assert not all(torch.equal(published[key], start[key]) for key in start)
-
-
-def test_summary_names_the_initial_the_best_and_the_last():
-    history = [
-        {"iteration": 0.0, "greedy/success_rate": 0.5},
-        {"iteration": 1.0, "collection/transitions": 10.0},
-        {"iteration": 2.0, "greedy/success_rate": 0.7, "greedy/evaluation_time_s": 3.0, "collection/transitions": 20.0},
-        {"iteration": 3.0, "greedy/success_rate": 0.6, "collection/transitions": 30.0},
-    ]
-    assert summary(history, best_iteration=2) == {
-        "iterations": 3,
-        "transitions": 30,
-        "best_iteration": 2,
-        "initial": {"success_rate": 0.5},
-        "best": {"success_rate": 0.7},
-        "last": {"success_rate": 0.6},
-    }
 
 
 def test_networks_that_do_not_fit_are_refused_before_any_work(outputs):

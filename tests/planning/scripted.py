@@ -1,4 +1,4 @@
-"""A heuristic whose values and actions are written down, and a clock that only moves when told to."""
+"""A heuristic with scripted values and actions, and a clock that is advanced explicitly."""
 
 from __future__ import annotations
 

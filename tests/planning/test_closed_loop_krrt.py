@@ -22,7 +22,7 @@ SMALL = KinodynamicRRT(max_simulations=2000)
 
 @dataclass(frozen=True)
 class CountedRRT(KinodynamicRRT):
-    """Remembers for how many actions each search had to make do."""
+    """Records the action limit of each search."""
 
     limits: list[int] = field(default_factory=list)
 

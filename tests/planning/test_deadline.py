@@ -86,18 +86,6 @@ def test_the_deadline_itself_is_too_late_without_any_call() -> None:
     assert decision.is_too_late_to_guide()
 
 
-@pytest.mark.parametrize(("deadline_s", "num_rounds"), [(None, 1), (10.0, 4), (9.0, 3), (2.0, 0)])
-def test_a_round_begins_while_a_call_fits(deadline_s: float | None, num_rounds: int) -> None:
-    """A call of 2 s, then rounds of 2 s: they begin after 2, 4, 6 and 8 s, and end in time for a call of 2 s."""
-    clock = Clock()
-    decision = DecisionClock(clock, deadline_s)
-    guide(decision, clock, 2.0)
-    for number, _ in enumerate(decision.rounds()):
-        clock.now += 2.0
-        assert number < num_rounds
-    assert clock.now == 100.0 + 2.0 + 2.0 * num_rounds
-
-
 # ------------------------------------------------------------------------------------------- receding horizon planning
 def decide_in_time(
     world: Any, deadline_s: float | None, script: Sequence[Action] | None = None, n: int = 2, h: int = 2

@@ -37,3 +37,15 @@ def test_states_are_visited_up_to_the_resolution() -> None:
     closed = np.array(at(1).vector)
     closed[Column.CLOSED] = 1.0
     assert not memory.has_visited(State(closed))
+
+
+def test_angles_that_differ_by_a_full_turn_are_equal() -> None:
+    for column in (Column.GRIPPER_THETA, 7):  # of the gripper, and of the object
+        vector = at(1).vector.copy()
+        vector[column] = np.pi - 2e-4
+        memory = EpisodeMemory()
+        memory.enter(State(vector))
+        vector[column] = -np.pi + 2e-4
+        assert memory.has_visited(State(vector))
+        vector[column] = -np.pi + 2e-3
+        assert not memory.has_visited(State(vector))

@@ -1,4 +1,4 @@
-"""What is left of a plan, and what it foresees."""
+"""What is left of a plan, and what it predicts."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def test_it_is_followed_to_its_end_and_shows_what_is_left() -> None:
 
 def test_it_foresees_the_state_of_its_next_action_alone() -> None:
     plan = plan_to_cell_2()
-    assert [plan.foresees(at(cell)) for cell in (0, 1)] == [True, False]
+    assert [plan.predicts(at(cell)) for cell in (0, 1)] == [True, False]
     plan.follow()
-    assert [plan.foresees(at(cell)) for cell in (0, 1)] == [False, True]
+    assert [plan.predicts(at(cell)) for cell in (0, 1)] == [False, True]
     plan.follow()
-    assert not plan.foresees(at(2)), "nothing is left to be done there"
+    assert not plan.predicts(at(2)), "nothing is left to be done there"
 
 
 @pytest.mark.parametrize("episode", [None, Episode((at(0),), (), (), Outcome.SUCCESS)])
 def test_no_plan_gives_up_and_foresees_nothing(episode: Episode | None) -> None:
     plan = Plan(episode)
-    assert plan.follow() == Decision(action=None) and not plan.foresees(at(0)) and list(plan.actions) == []
+    assert plan.follow() == Decision(action=None) and not plan.predicts(at(0)) and list(plan.actions) == []

@@ -5,7 +5,7 @@ import pytest
 
 from tests.rendering.samples import SCENE, STATE, pixel
 from visualrhp.observation.label_image import PALETTE, label_image
-from visualrhp.rendering.drawing import BACKGROUND, DESIRED, MARGIN, OBSTACLE, ROBOT, SURFACE
+from visualrhp.rendering.drawing import BACKGROUND, DESIRED, GRIPPER, MARGIN, OBSTACLE, SURFACE
 from visualrhp.rendering.frames import render_frame
 from visualrhp.scene import ObjectShape, Scene, TargetRegion
 from visualrhp.types import State
@@ -85,6 +85,6 @@ def test_the_inset_shows_the_label_image_in_the_emptiest_corner():
 def test_an_arrow_points_to_a_gripper_that_left_the_picture():
     away = State.create([0.7, 0.1, 0.0], 0.085, False, [[-0.1, 0.15, 0.3], [0.15, -0.1, 0.0]])
     frame = render_frame(SCENE, away, size_px=240)
-    rows, columns = np.nonzero((frame == ROBOT).all(axis=2))
+    rows, columns = np.nonzero((frame == GRIPPER).all(axis=2))
     assert columns.min() > 220
     assert rows.mean() == pytest.approx(pixel((0.0, 0.1), 240)[0], abs=2)

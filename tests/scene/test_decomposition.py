@@ -106,7 +106,7 @@ def test_mass_properties_are_those_of_the_parts(seed: int) -> None:
     assert shape.friction_lever == pytest.approx((areas * distances.mean(axis=1)).sum() / areas.sum(), rel=2e-3)
 
 
-def test_friction_lever_where_edges_turn_their_back_on_the_centre() -> None:
+def test_friction_lever_with_edges_that_face_away_from_the_centre() -> None:
     """A thin ring with a slit: its mass is at the radius, and the centre sees the inner side from behind."""
     angles = np.linspace(0.02, 2.0 * np.pi - 0.02, 400)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import shapely
 
 from visualrhp.errors import ConfigError
 from visualrhp.scene import Graspability, SceneDistribution, check_start, geometry, graspability, sample_task_instance
-from visualrhp.scene.sampling import SIZE_CLASSES
+from visualrhp.scene.sampling import SIZE_CLASSES, sampled_num_objects
 from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import ObjectSize
 
@@ -100,3 +100,30 @@ def test_average_size_grows_with_the_size_class() -> None:
 def test_bad_parameters_are_named(parameters: dict, key: str) -> None:
     with pytest.raises(ConfigError, match=key):
         SceneDistribution(**parameters)
+
+
+@pytest.mark.parametrize(
+    "impossible",
+    [
+        {"target_radius": 5.0},
+        {"surface_side": 0.1, "num_objects": (7, 7)},
+        {"clearance": 0.3},
+    ],
+    ids=str,
+)
+def test_a_distribution_without_instances_is_an_error_and_not_an_endless_loop(impossible: dict[str, Any]) -> None:
+    distribution = SceneDistribution(**impossible)
+    with pytest.raises(ConfigError, match="no task instance was found"):
+        sample_task_instance(distribution, 0, Split.TUNING, 0)
+
+
+def test_the_densest_scenes_are_found() -> None:
+    distribution = SceneDistribution(num_objects=12, object_size="large")
+    assert sample_task_instance(distribution, 0, Split.TUNING, 0).scene.num_objects == 12
+
+
+def test_the_number_of_objects_is_known_without_the_instance() -> None:
+    distribution = SceneDistribution()
+    for index in range(5):
+        instance = sample_task_instance(distribution, 3, Split.TUNING, index)
+        assert sampled_num_objects(distribution, 3, Split.TUNING, index) == instance.scene.num_objects

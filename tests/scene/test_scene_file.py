@@ -233,7 +233,7 @@ def test_errors_name_line_and_field(tmp_path: Path, old: str, new: str, expected
     assert expected in message
 
 
-def test_every_fault_of_a_pass_is_told(tmp_path: Path) -> None:
+def test_every_fault_of_a_pass_is_reported(tmp_path: Path) -> None:
     text = GOOD.replace("[0.1, 0.1]", "[0.1]").replace("pose: [0.0", "poze: [0.0")
     assert [line.split(": ")[1] for line in error_of(tmp_path, text).splitlines()] == [
         "target.position",

@@ -25,7 +25,7 @@ def faults(scene: Scene, start: State) -> list[str]:
     return [field_path(fault.where) for fault in start_faults(scene, start)]
 
 
-def test_a_good_start() -> None:
+def test_a_valid_start() -> None:
     check_start(SCENE, state((0.1, 0.1, 0.0), (-0.1, 0.1, 3.0)))
 
 
@@ -80,7 +80,7 @@ def test_another_number_of_objects() -> None:
         check_start(SCENE, state((0.1, 0.1, 0.0)))
 
 
-def test_every_fault_is_told() -> None:
+def test_every_fault_is_reported() -> None:
     scene = Scene(TargetRegion([0.0, 0.0]), (BOX, BOX, BOX))
     start = state((0.1, 0.1, 0.0), (0.1, 0.11, 0.0), (0.3, 0.0, 0.0))
     assert faults(scene, start) == ["objects[2].pose", "objects[1].pose"]

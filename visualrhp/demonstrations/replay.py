@@ -18,11 +18,6 @@ from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import ActionSpaceName, Episode
 
 
-def replays_exactly(task: TaskInstance, episode: Episode, model: TransitionModel) -> bool:
-    """Whether the simulation from the first state reproduces all states and rewards bit for bit, and ends in a goal."""
-    return replay_difference(task, episode, model) is None
-
-
 def replay_difference(task: TaskInstance, episode: Episode, model: TransitionModel) -> str | None:
     """The first difference when the actions are simulated from the first state: a state or reward that is not equal bit
     for bit, or a last state that is not a goal; None if the demonstration replays exactly."""

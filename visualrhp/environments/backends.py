@@ -22,8 +22,7 @@ from typing import Any, cast
 from visualrhp.environments.slots import SlotArrays, Slots, TaskFamily
 from visualrhp.errors import VisualRHPError
 from visualrhp.execution.world import SimulatedWorld
-from visualrhp.scene.scene import Scene, TaskInstance
-from visualrhp.simulation.action_spaces import make_action_space
+from visualrhp.scene.scene import Scene
 from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import FloatArray, State
 
@@ -78,7 +77,7 @@ class LocalBackend(Backend):
     """Tasks in this process.
 
     Args:
-        family: what the tasks have in common.
+        family: shared parameters of the tasks.
         arrays: of all slots.
         rows: the slots of these tasks.
     """
@@ -119,10 +118,10 @@ class WorkerBackend(Backend):
     rather than children of :mod:`multiprocessing`: they inherit no thread or lock, do not import the main module, and
     may be started from a daemon.
 
-    Scenes and models of the workers' tasks are created lazily in this process, for planners.
+    Scenes of the workers' tasks are requested from them lazily, for planners in this process, which has its own models.
 
     Args:
-        family: what the tasks have in common.
+        family: shared parameters of the tasks.
         num_slots: N.
         num_workers: worker processes, at most N (with N workers, this process has no share).
 
@@ -137,10 +136,8 @@ class WorkerBackend(Backend):
         bounds = [num_slots * process // num_processes for process in range(num_processes + 1)]
         self._shares = [range(low, high) for low, high in pairwise(bounds)]
         self._family = family
-        self._seeds = [0] * num_slots
         self._remote_slots = range(self._shares[0].stop, num_slots)
-        self._instances: dict[int, tuple[tuple[int, int], TaskInstance]] = {}
-        self._models: dict[int, TransitionModel] = {}
+        self._models: dict[int, TransitionModel] = {}  # of the running episodes in remote slots, so far
         with tempfile.TemporaryFile(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as file:
             file.truncate(num_bytes)
             self.arrays = SlotArrays.over(family, num_slots, mmap.mmap(file.fileno(), num_bytes))
@@ -155,7 +152,7 @@ class WorkerBackend(Backend):
     def start(self, seed: int, slots: Sequence[int], instances: Sequence[int]) -> None:
         of_slot = dict(zip(slots, instances, strict=True))
         for slot in slots:
-            self._seeds[slot] = seed
+            self._models.pop(slot, None)
 
         def begin(share: range) -> tuple[str, int, list[int], list[int]] | None:
             chosen = [slot for slot in share if slot in of_slot]
@@ -164,14 +161,17 @@ class WorkerBackend(Backend):
         self._command([begin(share) for share in self._shares])
 
     def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
-        self._seeds = [seed] * len(self._seeds)
+        self._models.clear()
         self._command([("resume", seed, instances, num_actions, states)] * len(self._shares))
 
     def act(self) -> None:
         self._command([("act",)] * len(self._shares))
 
-    def _command(self, commands: Sequence[tuple[Any, ...] | None]) -> None:
+    def _command(self, commands: Sequence[tuple[Any, ...] | None]) -> dict[int, Any]:
         """Give each process its command (or none), this one's first, and wait until all are done.
+
+        Returns:
+            The results of the workers, by their number.
 
         Raises:
             VisualRHPError: a worker has ended, or a process raised this error.
@@ -189,9 +189,11 @@ class WorkerBackend(Backend):
                 getattr(self._own, name)(*arguments)
             except Exception as error:  # the workers are waited for first, as for an error of theirs
                 errors.append(error)
-        errors += self._answers()
+        results, failures = self._answers()
+        errors += failures
         if errors:
             raise errors[0]
+        return results
 
     def _send(self, worker: int, message: object) -> None:
         try:
@@ -199,19 +201,22 @@ class WorkerBackend(Backend):
         except OSError as error:
             raise self._ended(worker) from error
 
-    def _answers(self) -> list[Exception]:
-        """Wait for every busy worker; return their errors."""
-        errors = []
+    def _answers(self) -> tuple[dict[int, Any], list[Exception]]:
+        """Wait for every busy worker; return their results, by their number, and their errors."""
+        results: dict[int, Any] = {}
+        errors: list[Exception] = []
         while self._busy:
             worker = self._busy[0]
             try:
-                error = self._connections[worker].recv()
+                error, result = self._connections[worker].recv()
             except (EOFError, OSError):
-                error = self._ended(worker)
+                error, result = self._ended(worker), None
             del self._busy[0]
-            if error is not None:
+            if error is None:
+                results[worker] = result
+            else:
                 errors.append(error)
-        return errors
+        return results, errors
 
     def _ended(self, worker: int) -> VisualRHPError:
         code = self.processes[worker].poll()
@@ -223,31 +228,26 @@ class WorkerBackend(Backend):
 
     @property
     def scenes(self) -> list[Scene]:
-        return [*self._own.scenes, *(self._instance(slot).scene for slot in self._remote_slots)]
+        return [*self._own.scenes, *(model.scene for model in self._remote_models())]
 
     @property
     def states(self) -> list[State]:
-        return [self.arrays.state_of(slot) for slot in range(len(self._seeds))]
+        return [self.arrays.state_of(slot) for slot in range(self._remote_slots.stop)]
 
     @property
     def models(self) -> list[TransitionModel]:
-        return [*self._own.models, *(self._model(slot) for slot in self._remote_slots)]
+        return [*self._own.models, *self._remote_models()]
 
-    def _model(self, slot: int) -> TransitionModel:
-        scene = self._instance(slot).scene
-        model = self._models.get(slot)
-        if model is None or model.scene is not scene:
-            model = self._models[slot] = TransitionModel(
-                scene, make_action_space(self._family.action_space), self._family.physics
-            )
-        return model
-
-    def _instance(self, slot: int) -> TaskInstance:
-        key = (self._seeds[slot], int(self.arrays.instance[slot]))
-        known = self._instances.get(slot)
-        if known is None or known[0] != key:
-            known = self._instances[slot] = key, self._family.instance(*key)
-        return known[1]
+    def _remote_models(self) -> list[TransitionModel]:
+        """Models of the workers' tasks, with scenes that their workers have sampled."""
+        missing = [[slot for slot in share if slot not in self._models] for share in self._shares[1:]]
+        if any(missing):
+            scenes = self._command([None, *(("scenes", slots) if slots else None for slots in missing)])
+            for worker, found in scenes.items():
+                self._models |= {
+                    slot: self._family.model(scene) for slot, scene in zip(missing[worker], found, strict=True)
+                }
+        return [self._models[slot] for slot in self._remote_slots]
 
 
 def make_backend(family: TaskFamily, num_slots: int, num_workers: int | None) -> Backend:
@@ -261,7 +261,7 @@ def make_backend(family: TaskFamily, num_slots: int, num_workers: int | None) ->
 
 
 def default_workers(num_slots: int) -> int:
-    """Workers for ``num_slots`` slots: one per core beside this process's, as long as each process has 2 slots.
+    """Workers for ``num_slots`` slots: one per core, except that of this process, as long as each process has 2 slots.
 
     None in a child process of :mod:`multiprocessing` or joblib: its siblings use the other cores, and processes that
     compete for a core take longer than one.

@@ -61,10 +61,10 @@ class BatchedClutterEnv(EnvBase):
         seed: of the task instances.
         split: stream of the task instances.
         physics: of the simulation.
-        num_workers: worker processes beside this one; every process, this one included, simulates and draws an equal
-            share of the slots. None: one process per core, this one included, with at least 2 slots each; no workers
-            in a child process of multiprocessing or joblib. Results do not depend on it. Workers start with the first
-            reset and end with :meth:`close`, the environment or this process.
+        num_workers: worker processes in addition to this one; every process, this one included, simulates and draws
+            an equal share of the slots. None: one process per core, this one included, with at least 2 slots each; no
+            workers in a child process of multiprocessing or joblib. Results do not depend on it. Workers start with the
+            first reset and end with :meth:`close`, the environment or this process.
 
     Attributes:
         observe: scene and state -> observation.

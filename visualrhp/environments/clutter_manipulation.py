@@ -200,11 +200,7 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
                 f"{type(scene).__name__} and {type(state).__name__}"
             )
         check_start(scene, state)
-        if self._observe.num_objects not in (None, scene.num_objects):
-            raise SceneError(
-                f"the scene has {scene.num_objects} objects, and the Cartesian observations of this environment are "
-                f"made for num_objects={self._observe.num_objects}"
-            )
+        self._observe.check(scene)
         return TaskInstance(scene, state)
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:

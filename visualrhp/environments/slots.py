@@ -19,7 +19,7 @@ from visualrhp.execution.episode import RunningEpisode
 from visualrhp.execution.world import SimulatedWorld
 from visualrhp.observation import Observation
 from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
-from visualrhp.scene.scene import TaskInstance
+from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, make_action_space
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
@@ -33,7 +33,7 @@ _ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class TaskFamily:
-    """What all tasks of a batched environment have in common; sent to worker processes.
+    """Shared parameters of all tasks of a batched environment; sent to worker processes.
 
     Attributes:
         distribution: of the task instances.
@@ -58,10 +58,13 @@ class TaskFamily:
         """Task instance ``index`` of ``seed``."""
         return sample_task_instance(self.distribution, seed, self.split, index)
 
+    def model(self, scene: Scene) -> TransitionModel:
+        """The decision process of ``scene``."""
+        return TransitionModel(scene, make_action_space(self.action_space), self.physics)
+
     def start(self, instance: TaskInstance, num_actions: int = 0) -> RunningEpisode:
         """An episode of ``instance`` in which ``num_actions`` actions have been taken."""
-        model = TransitionModel(instance.scene, make_action_space(self.action_space), self.physics)
-        return RunningEpisode(SimulatedWorld(instance, model), num_actions)
+        return RunningEpisode(SimulatedWorld(instance, self.model(instance.scene)), num_actions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +142,7 @@ class Slots:
     """Simulates the tasks in some rows of the arrays.
 
     Args:
-        family: what the tasks have in common.
+        family: shared parameters of the tasks.
         arrays: written to in the rows ``rows`` only.
         rows: the slots of these tasks.
 
@@ -173,6 +176,10 @@ class Slots:
             state = State(states[slot, : instance.state.vector.size])
             resumed.append(self._family.start(TaskInstance(instance.scene, state), num_actions[slot]))
         self._enter(self.rows, [instances[slot] for slot in self.rows], resumed)
+
+    def scenes(self, slots: Sequence[int]) -> list[Scene]:
+        """The scenes of the running episodes in ``slots``."""
+        return [self.episodes[slot - self.rows.start].scene for slot in slots]
 
     def _enter(self, slots: Sequence[int], instances: Sequence[int], episodes: Sequence[RunningEpisode]) -> None:
         arrays = self._arrays

@@ -20,7 +20,7 @@ def serve(connection: Connection, memory: int) -> None:
     """Execute commands until the other end is closed.
 
     The first message is (family, N, rows); every other one names a method of :class:`Slots` and holds its arguments.
-    The answer is None, or the exception that was raised.
+    The answer is (None, its result), or (the exception that was raised, None).
     """
     family, num_slots, rows = connection.recv()
     mapped = mmap.mmap(memory, SlotArrays.num_bytes(family, num_slots))
@@ -28,11 +28,11 @@ def serve(connection: Connection, memory: int) -> None:
     while True:
         command, *arguments = connection.recv()
         try:
-            getattr(slots, command)(*arguments)
+            result = getattr(slots, command)(*arguments)
         except Exception as error:
-            connection.send(error)
+            connection.send((error, None))
         else:
-            connection.send(None)
+            connection.send((None, result))
 
 
 def main(arguments: list[str]) -> None:

@@ -60,7 +60,7 @@ def finish_axes(axes: Axes, metric: MetricName, positions: Sequence[Any]) -> Non
 
 
 def percent_axis(axes: Axes) -> None:
-    """Let the vertical axis show rates from 0 to 100%."""
+    """Make the vertical axis one of rates from 0 to 100%."""
     axes.set_ylim(-0.02, 1.03)
     axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0])
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:.0f}%"))

@@ -177,7 +177,7 @@ def _draw_methods(axes: Axes, panel: pd.DataFrame, by: str, positions: Sequence[
 
 
 def _draw_time(axes: Axes, y: float, summary: dict[Any, Any], style: MethodStyle, is_filled: bool) -> None:
-    """A mean execution time with its interval, and the number beside it."""
+    """A mean execution time with its interval, and its value in figures."""
     value, low, high = (float(summary[f"execution_time_s{end}"]) for end in ("", "_low", "_high"))
     low = max(low, 0.2 * value)  # a logarithmic axis has no zero
     errors = None if math.isnan(high) else [[value - low], [high - value]]

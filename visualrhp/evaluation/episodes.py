@@ -76,7 +76,7 @@ EPISODE_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What is evaluated on a series of task instances; the attributes are :data:`SETTING_COLUMNS`."""
+    """A planner in a setting, evaluated on a series of task instances; the attributes are :data:`SETTING_COLUMNS`."""
 
     experiment: str
     planner: str

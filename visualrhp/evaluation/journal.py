@@ -11,10 +11,10 @@ from visualrhp.files import write_text
 
 
 class Journal(Mapping[str, Any]):
-    """Finished results by key, one JSON line each, appended as they come.
+    """Finished results by key, one JSON line each, appended in the order of completion.
 
-    A line that a kill cut short is dropped when the file is read. Results consist of dicts, lists and scalars; NaN is
-    kept.
+    An incomplete last line, left by a kill, is ignored when the file is read. Results consist of dicts, lists and
+    scalars; NaN is kept.
 
     Args:
         path: of the file; it is created with the first result.

@@ -1,4 +1,4 @@
-"""Names of the compared methods, and the order in which tables and legends list what is compared."""
+"""Names of the compared methods, and their order in tables and legends."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOISE_ORDER: Final = ("none", "low", "medium", "high")
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """What is compared: a planner with its roll-outs.
+    """A planner with its number and depth of roll-outs: the unit of comparison.
 
     Attributes:
         planner: its name, with the deadline if it has one.

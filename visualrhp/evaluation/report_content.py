@@ -100,7 +100,7 @@ def _points(episodes: pd.DataFrame, points: Sequence[Mapping[str, Any]]) -> list
 
 
 def _warnings(points: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What was skipped, by method and action space."""
+    """Skipped episodes, by method and action space."""
     counts: dict[tuple[str, str], tuple[int, int]] = {}
     for point in points:
         key = (_label(point), point["action_space"])

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -26,50 +25,6 @@ class NamedFigure:
     name: str
     caption: str
     figure: Figure
-
-
-@dataclass(frozen=True)
-class ShownCurves:
-    """The curves of a stage that the report shows.
-
-    Attributes:
-        name: of the stage, in words.
-        unit: what a row of its curves stands for; a column.
-        columns: to draw.
-    """
-
-    name: str
-    unit: str
-    columns: Sequence[str]
-
-
-SHOWN_CURVES: Final[Mapping[str, ShownCurves]] = {
-    "train_il": ShownCurves(
-        "Imitation learning",
-        "epoch",
-        (
-            "greedy/success_rate",
-            "greedy/action_efficiency",
-            "validation/loss",
-            "validation/value_rmse",
-            "validation/agreement",
-            "train/entropy",
-        ),
-    ),
-    "train_rl": ShownCurves(
-        "Reinforcement learning",
-        "iteration",
-        (
-            "greedy/success_rate",
-            "greedy/action_efficiency",
-            "collection/success_rate",
-            "value/td_rmse",
-            "policy/kl",
-            "policy/entropy",
-        ),
-    ),
-}
-"""By stage, which is the name of its folder."""
 
 
 def result_figures(episodes: pd.DataFrame) -> dict[str, list[NamedFigure]]:
@@ -136,14 +91,14 @@ def result_figures(episodes: pd.DataFrame) -> dict[str, list[NamedFigure]]:
 
 
 def curve_figures(folders: Sequence[Path]) -> list[NamedFigure]:
-    """A figure of training curves for each folder of :data:`SHOWN_CURVES` that has any, one line per network.
+    """A figure of training curves for each folder named in ``SHOWN_CURVES`` that has any, one line per network.
 
     Raises:
         DataError: a file of curves is damaged.
     """
     named = []
     for folder in folders:
-        shown = SHOWN_CURVES.get(folder.name)
+        shown = training_figures.SHOWN_CURVES.get(folder.name)
         if shown is None:
             continue
         curves = read_curves(folder)

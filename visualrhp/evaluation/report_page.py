@@ -24,7 +24,7 @@ TEMPLATES: Final = Path(__file__).parent / "templates"
 _OWN_METHODS: Final = ("VisualRHP+ 3x3", "VisualRHP 3x3")
 """The headline is about the first of them that was evaluated."""
 
-_RIVALS: Final = ("VisualRHP 3x3", "Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
+_BASELINES: Final = ("VisualRHP 3x3", "Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
 """The methods that the headline compares it with."""
 
 _PIXELS_PER_INCH: Final = 104
@@ -167,7 +167,7 @@ def _lead(main: pd.DataFrame) -> str:
         f"({percent(rates[own]['success_rate_low'])} to {percent(rates[own]['success_rate_high'])}) "
         f"with {space} actions"
     )
-    others = [f"{name} {percent(rates[name]['success_rate'])}" for name in _RIVALS if name in rates and name != own]
+    others = [f"{name} {percent(rates[name]['success_rate'])}" for name in _BASELINES if name in rates and name != own]
     return f"{sentence}; {', '.join(others)}." if others else f"{sentence}."
 
 

@@ -21,19 +21,19 @@ def main_table(episodes: pd.DataFrame) -> dict[str, Any]:
 
 def detail_tables(episodes: pd.DataFrame) -> dict[str, list[dict[str, Any]]]:
     """By section of the report: the tables below its figures, for the template."""
-    quiet = without_noise(episodes)
+    noiseless = without_noise(episodes)
     environments = [
         results_table(
-            mixed_sizes(quiet),
+            mixed_sizes(noiseless),
             {"method": "Method", "action_space": "Actions", "num_objects": "Objects"},
             "By number of objects",
             "Objects of mixed size, no noise.",
         )
     ]
-    if len(set(quiet["object_size"])) > 1:
+    if len(set(noiseless["object_size"])) > 1:
         environments.append(
             results_table(
-                quiet,
+                noiseless,
                 {"method": "Method", "action_space": "Actions", "object_size": "Size"},
                 "By object size",
                 "All evaluated numbers of objects, no noise.",

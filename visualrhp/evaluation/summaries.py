@@ -99,14 +99,14 @@ def method_summaries(episodes: pd.DataFrame) -> Iterator[MethodSummary]:
         for method in order_methods(labelled.loc[labelled["action_space"] == space, "method"].tolist()):
             own = labelled.loc[(labelled["method"] == method) & (labelled["action_space"] == space)]
             headline = main.loc[(main["method"] == method) & (main["action_space"] == space)]
-            quiet: Any = without_noise(mixed_sizes(own)).groupby("num_objects")
+            noiseless: Any = without_noise(mixed_sizes(own)).groupby("num_objects")
             yield MethodSummary(
                 method=method,
                 action_space=space,
                 num_episodes=len(own),
                 success_rate=evaluation_metrics(headline)["success_rate"].value if len(headline) else None,
                 metrics=_numbers(headline if len(headline) else own),
-                by_num_objects={int(num_objects): _numbers(rows) for num_objects, rows in quiet},
+                by_num_objects={int(num_objects): _numbers(rows) for num_objects, rows in noiseless},
             )
 
 

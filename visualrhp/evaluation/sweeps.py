@@ -1,4 +1,4 @@
-"""Tables of the learning studies (Fig. 5 and 6), from the folders that the sweeps behind them made."""
+"""Tables of the learning studies (Fig. 5 and 6), from the output folders of their sweeps."""
 
 from __future__ import annotations
 

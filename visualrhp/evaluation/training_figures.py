@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,56 @@ from visualrhp.evaluation.axes import AXIS_LABELS, error_line, not_empty, percen
 from visualrhp.evaluation.methods import ACTION_SPACES
 from visualrhp.evaluation.metrics import mean_interval
 from visualrhp.evaluation.styles import BLUE, LIGHT_GREY, PALETTE, VERMILION, figure_style
+
+
+@dataclass(frozen=True)
+class ShownCurves:
+    """The curves of a training stage in its figure and in the report.
+
+    Attributes:
+        name: of the stage, in words.
+        unit: what a row of its curves stands for; a column.
+        columns: to draw.
+    """
+
+    name: str
+    unit: str
+    columns: Sequence[str]
+
+
+SHOWN_CURVES: Final[Mapping[str, ShownCurves]] = {
+    "train_il": ShownCurves(
+        "Imitation learning",
+        "epoch",
+        (
+            "greedy/success_rate",
+            "greedy/action_efficiency",
+            "train/loss",
+            "validation/loss",
+            "validation/value_rmse",
+            "validation/agreement",
+            "train/log_likelihood",
+            "validation/log_likelihood",
+            "train/entropy",
+        ),
+    ),
+    "train_rl": ShownCurves(
+        "Reinforcement learning",
+        "iteration",
+        (
+            "greedy/success_rate",
+            "greedy/action_efficiency",
+            "collection/success_rate",
+            "collection/return",
+            "value/td_rmse",
+            "q/loss",
+            "baseline/kl",
+            "policy/entropy",
+            "policy/kl",
+        ),
+    ),
+}
+"""By stage, which is the name of its folder."""
 
 
 def demonstrations_sweep(batches: pd.DataFrame) -> Figure:

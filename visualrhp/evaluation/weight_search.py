@@ -6,7 +6,7 @@ Three steps on disjoint task instances:
    block by block; a trial below the median of the finished ones is pruned. The first trial has the weights to start
    from.
 2. selection: the best trials and the first are compared on other instances; the best of them is the result.
-3. check: the result and the first weights on further instances. Nothing is chosen by it.
+3. check: the result and the first weights on further instances, without any choice.
 
 The records are a function of the parameters and the seed: a proposal depends on the finished trials before it and on a
 separate random stream, and the episodes of a block, which may run in parallel, are summed in their order.
@@ -45,7 +45,7 @@ class SearchConfig:
 
     Attributes:
         num_trials: sets of weights that are tried, the first of them the initial ones.
-        num_random_trials: of which are drawn at random before the model of the objective proposes.
+        num_random_trials: number of trials drawn at random, before the sampler proposes weights.
         num_instances: task instances of a trial, per action space.
         block: instances between two evaluations of the pruner.
         action_cost: cost of an episode's actions, as a share of a success; that of a full episode.
@@ -159,7 +159,7 @@ def run_once(run: RunUnordered, journal: Journal) -> RunEpisodes:
 
 
 def objective(episodes: Sequence[TrialEpisode], action_cost: float) -> float:
-    """Mean of [success] - ``action_cost`` * actions / 49, where a failure counts 49 actions, however early it is."""
+    """Mean of [success] - ``action_cost`` * actions / 49, where a failure counts 49 actions."""
     scores = [
         1.0 - action_cost * episode.num_actions / MAX_EPISODE_ACTIONS if episode.success else -action_cost
         for episode in episodes

@@ -70,6 +70,12 @@ def result_card(result: SearchResult) -> dict[str, Any]:
     }
 
 
+def heuristic_yaml(result: SearchResult) -> str:
+    """The heuristic with the best weights, in the form of ``conf/planner/crafted_heuristic_rhp.yaml``."""
+    weights = [f"  {name}: {value}" for name, value in result.weights.items()]
+    return "\n".join(["heuristic:", "  kind: crafted", *weights]) + "\n"
+
+
 def check_lines(result: SearchResult) -> str:
     """The outcome of the check as a few lines of text."""
     start, best = result.start_check, result.best_check

@@ -40,7 +40,7 @@ class CostToGo:
         carry: per metre between desired object and target region.
         align: per radian by which gripper, desired object and target region are out of line.
         face: per radian between heading and target region, if behind the object.
-        drop: for a dropped object; no effect in roll-outs, which end with a drop (Alg. 1).
+        drop: for a dropped object; no effect in roll-outs, which end with a drop (Algorithm 1).
 
     Raises:
         ConfigError: a weight is negative or not a number.

@@ -115,11 +115,6 @@ class LabelConvolution(nn.Module):
         uniform = self._colours @ kernel.sum(dim=(2, 3)).T + offsets.amax(dim=0)  # [6, out]
         return kernel, offsets, uniform, plane
 
-    def table(self) -> torch.Tensor:
-        """[12, 216, 16 out] contribution of a code at each of the twelve places to the values to be pooled."""
-        kernel, offsets, _, _ = self.parts()
-        return _table(kernel, offsets, self._code_colours, self._kernel_index)
-
 
 class _PooledColourConvolution(torch.autograd.Function):
     """Convolution of the colours, an offset for each pixel of a cell, and max pooling; gradient of the weights."""
@@ -195,7 +190,7 @@ class _PooledColourConvolution(torch.autograd.Function):
 def _table(
     kernel: torch.Tensor, offsets: torch.Tensor, code_colours: torch.Tensor, kernel_index: torch.Tensor
 ) -> torch.Tensor:
-    """See :meth:`LabelConvolution.table`."""
+    """[12, 216, 16 out] contribution of a code at each of the twelve places to the values to be pooled."""
     shares = functional.pad(kernel.flatten(), (0, 1))[kernel_index]  # [12, 9, 16 out]
     table = code_colours @ shares
     table[0] += offsets.flatten()  # every cell has one code at the first place

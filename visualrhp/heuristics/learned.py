@@ -57,7 +57,7 @@ class LearnedHeuristic(Heuristic):
         """Evaluate B states, each in its scene, in one call of the network; equal states are evaluated once.
 
         Raises:
-            CheckpointError: a scene does not have the number of objects of the network (Sec. 7.5).
+            SceneError: a scene does not have the number of objects of the network (Sec. 7.5).
         """
         observe = self.observation
         for scene in scenes if observe.num_objects is not None else ():

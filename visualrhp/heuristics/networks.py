@@ -24,6 +24,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from visualrhp.errors import ConfigError
 from visualrhp.heuristics.architecture import (
     MAX_STD,
     MIN_STD,
@@ -105,11 +106,14 @@ class FeatureEncoder(nn.Module):
 
 
 def _encoder(observation: Observation) -> tuple[nn.Module, int]:
-    """The encoder of an observation, by its shape, and the number of its features with the binary gripper state."""
-    if observation.shape == (IMAGE_SIZE, IMAGE_SIZE):
+    """The encoder of an observation, and the number of its features with the binary gripper state."""
+    if observation.encoder == "label_image":
         return ImageEncoder(), ImageEncoder.FEATURES + 1
-    (size,) = observation.shape
-    return FeatureEncoder(), size + 1
+    if len(observation.shape) != 1:
+        raise ConfigError(
+            f"{observation} have the shape {list(observation.shape)}; the encoder {observation.encoder!r} reads vectors"
+        )
+    return FeatureEncoder(), observation.shape[0] + 1
 
 
 def _dense(*sizes: int) -> nn.Sequential:

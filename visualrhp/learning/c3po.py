@@ -33,6 +33,7 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from visualrhp.learning.configs import C3POConfig
 from visualrhp.learning.reinforcement import (
+    NETWORK_INPUTS,
     CollectionEnvironment,
     GreedyEvaluation,
     ReinforcementLearner,
@@ -42,7 +43,6 @@ from visualrhp.learning.reinforcement import (
 from visualrhp.streams import TrainingStream
 from visualrhp.types import Metrics
 
-_NETWORK_INPUTS = ("observation", "gripper_closed")
 _NETWORK_OUTPUTS = ("loc", "scale", "state_value")
 
 
@@ -104,7 +104,7 @@ class C3PO(ReinforcementLearner):
         require_multiple("frames_per_batch", config.frames_per_batch, env.batch_size[0])
         self.config = config
         # One pass through the shared layers computes mean, std and value; the loss finds the value already computed.
-        self._actor_critic = TensorDictModule(_Columns(network), list(_NETWORK_INPUTS), list(_NETWORK_OUTPUTS))
+        self._actor_critic = TensorDictModule(_Columns(network), list(NETWORK_INPUTS), list(_NETWORK_OUTPUTS))
         sampling = ProbabilisticTensorDictModule(
             in_keys=["loc", "scale"], out_keys=["action"], distribution_class=IndependentNormal, return_log_prob=True
         )
@@ -152,7 +152,7 @@ class C3PO(ReinforcementLearner):
 
     def act(self, tensordict: TensorDictBase) -> TensorDictBase:
         """a ~ N(mean, std), with the log-probability of the sample, before the environment clips it."""
-        outputs = self._actor_critic(tensordict.select(*_NETWORK_INPUTS).to(self._device)).cpu()
+        outputs = self._actor_critic(tensordict.select(*NETWORK_INPUTS).to(self._device)).cpu()
         noise = torch.randn(outputs["loc"].shape, generator=self._sampling)
         return tensordict.set("action", outputs["loc"] + outputs["scale"] * noise)
 
@@ -169,14 +169,14 @@ class C3PO(ReinforcementLearner):
         """
         shape = transitions.batch_size
         following: Any = transitions["next"].to(self._device)
-        inputs = transitions.select(*_NETWORK_INPUTS, "action").to(self._device)
+        inputs = transitions.select(*NETWORK_INPUTS, "action").to(self._device)
         outputs: Any = self._evaluate_network(inputs.flatten(0, 1)).unflatten(0, shape)
         value = outputs["state_value"]
         # s' is the s of the next row, except where an episode or the collection ends, so it is not evaluated again.
         next_value = value.roll(-1, dims=1)
         is_last = following["done"].squeeze(-1).clone()
         is_last[:, -1] = True
-        ends = following.select(*_NETWORK_INPUTS)[is_last]
+        ends = following.select(*NETWORK_INPUTS)[is_last]
         next_value[is_last] = self._evaluate_network(ends)["state_value"]
         advantage, value_target = generalized_advantage_estimate(
             self.config.discount,
@@ -201,7 +201,7 @@ class C3PO(ReinforcementLearner):
 
     def _evaluate_network(self, inputs: Any) -> Any:
         """Means, stds and values of many states, one minibatch at a time."""
-        parts = inputs.select(*_NETWORK_INPUTS).split(self.config.batch_size)
+        parts = inputs.select(*NETWORK_INPUTS).split(self.config.batch_size)
         return TensorDict.cat([self._actor_critic(part).select(*_NETWORK_OUTPUTS) for part in parts])
 
     def _minibatches(self, data: TensorDictBase) -> ReplayBuffer:
@@ -220,7 +220,7 @@ class C3PO(ReinforcementLearner):
         for _ in range(self.config.baseline_epochs):
             terms = []
             for batch in minibatches:
-                outputs = self._actor_critic(batch.select(*_NETWORK_INPUTS))
+                outputs = self._actor_critic(batch.select(*NETWORK_INPUTS))
                 losses = baseline_loss(outputs, batch, self.config.baseline_value_coefficient)
                 self.step(self._baseline_optimizer, losses["loss_value"] + losses["loss_kl"])
                 terms.append(losses)

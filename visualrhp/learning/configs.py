@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from visualrhp.parameters import Count, Field, Fraction, NonNegative, Positive, parameters
+from visualrhp.parameters import Count, Discount, Field, Fraction, NonNegative, Positive, parameters
 from visualrhp.simulation.rules import DISCOUNT
 
 
@@ -29,7 +29,7 @@ class ImitationConfig:
         ConfigError: a parameter is out of range.
     """
 
-    discount: Fraction = DISCOUNT
+    discount: Discount = DISCOUNT
     l2_regularization: NonNegative = 0.0
     batch_size: Count = 2000
     epochs: Count = 100
@@ -95,7 +95,7 @@ class DQNConfig:
     epochs: Count = 3
     batch_size: Count = 2_000
     lr: Positive = 1e-5
-    discount: Fraction = DISCOUNT
+    discount: Discount = DISCOUNT
     epsilon: Fraction = 0.2
     l2_regularization: NonNegative = 1e-5
     target_update_interval: Count | None = None
@@ -132,7 +132,7 @@ class C3POConfig:
     policy_epochs: Count = 15
     baseline_step: bool = True
     lr: Positive = 1e-5
-    discount: Fraction = DISCOUNT
+    discount: Discount = DISCOUNT
     clip_epsilon: Positive = 0.075
     value_coefficient: Positive = 0.7
     entropy_coefficient: NonNegative = 0.1

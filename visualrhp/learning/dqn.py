@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
-from torchrl.data import Categorical, LazyMemmapStorage, LazyTensorStorage, ReplayBuffer
+from torchrl.data import Categorical, LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import RandomSampler
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, ValueEstimators
@@ -19,6 +18,7 @@ from torchrl.objectives import DQNLoss, HardUpdate, ValueEstimators
 from visualrhp.errors import CheckpointError
 from visualrhp.learning.configs import DQNConfig
 from visualrhp.learning.reinforcement import (
+    NETWORK_INPUTS,
     CollectionEnvironment,
     GreedyEvaluation,
     ReinforcementLearner,
@@ -30,11 +30,10 @@ from visualrhp.simulation.action_spaces import ActionSpace, DiscreteActionSpace
 from visualrhp.streams import Split, Stream, TrainingStream, generator_for
 from visualrhp.types import Episode, Metrics, State
 
-_NETWORK_INPUTS = ("observation", "gripper_closed")
 _REPLAYED = (
-    *_NETWORK_INPUTS,
+    *NETWORK_INPUTS,
     "action",
-    *(("next", key) for key in (*_NETWORK_INPUTS, "reward", "done", "terminated")),
+    *(("next", key) for key in (*NETWORK_INPUTS, "reward", "done", "terminated")),
 )
 _REMEMBERED = ("instance", "state", "action", *(("next", key) for key in ("state", "reward", "done", "terminated")))
 
@@ -162,7 +161,7 @@ def make_q_loss(network: nn.Module, discount: float, has_target_network: bool = 
 
     A terminal s' has the value 0; truncated episodes are bootstrapped. No gradient flows through the target.
     """
-    actor = QValueActor(network, in_keys=list(_NETWORK_INPUTS), spec=Categorical(DiscreteActionSpace.NUM_ACTIONS))
+    actor = QValueActor(network, in_keys=list(NETWORK_INPUTS), spec=Categorical(DiscreteActionSpace.NUM_ACTIONS))
     loss = DQNLoss(actor, loss_function="l2", delay_value=has_target_network, action_space="categorical")
     loss.make_value_estimator(ValueEstimators.TD0, gamma=discount)
     return loss
@@ -184,7 +183,6 @@ class DQN(ReinforcementLearner):
         seed: of the exploration and the minibatches.
         evaluate: greedy evaluation, or None.
         evaluate_every: iterations between evaluations.
-        replay_folder: scratch folder for the replay buffer, or None to hold it in memory (8 kB per transition).
 
     Raises:
         ConfigError: frames_per_batch is not a multiple of the number of environments.
@@ -201,7 +199,6 @@ class DQN(ReinforcementLearner):
         seed: int,
         evaluate: GreedyEvaluation | None = None,
         evaluate_every: int = 1,
-        replay_folder: Path | None = None,
     ) -> None:
         super().__init__(network, env, evaluate, evaluate_every)
         require_multiple("frames_per_batch", config.frames_per_batch, env.batch_size[0])
@@ -219,13 +216,11 @@ class DQN(ReinforcementLearner):
         if config.target_update_interval is not None:  # HardUpdate counts from 0
             interval = config.target_update_interval - 1
             self._target_updater = HardUpdate(self.q_loss, value_network_update_interval=interval)
-        storage = (
-            LazyTensorStorage(config.buffer_size)
-            if replay_folder is None
-            else LazyMemmapStorage(config.buffer_size, scratch_dir=replay_folder, existsok=True)
-        )
         self.replay = ReplayBuffer(
-            storage=storage, sampler=RandomSampler(), batch_size=config.batch_size, generator=self._sampling
+            storage=LazyTensorStorage(config.buffer_size),
+            sampler=RandomSampler(),
+            batch_size=config.batch_size,
+            generator=self._sampling,
         )
         self._num_demonstrated = 0
         for task, episode in demonstrations:

@@ -22,6 +22,9 @@ from visualrhp.types import Metrics
 if "RL_LOGGING_LEVEL" not in os.environ:  # by default, torchrl reports every new storage on stderr
     logging.getLogger("torchrl").setLevel(logging.WARNING)
 
+NETWORK_INPUTS = ("observation", "gripper_closed")
+"""Entries of a tensordict that networks read."""
+
 GreedyEvaluation = Callable[[nn.Module], Mapping[str, float]]
 """Evaluates the greedy policy of a network; must return ``success_rate``, the share of solved validation tasks."""
 

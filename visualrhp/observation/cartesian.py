@@ -32,9 +32,9 @@ def cartesian_features(scene: Scene, state: State) -> npt.NDArray[np.float32]:
         x, y, cos, sin of the gripper.
     """
     x, y, theta = state.gripper_pose
-    positions = np.concatenate([state.object_poses[:, :2], scene.target.position[None]])
+    positions = np.concatenate([state.object_positions, scene.target.position[None]])
     relative = geometry.to_body(positions, state.gripper_pose) / _LENGTH_SCALE
-    angles = state.object_poses[:, 2] - theta
+    angles = state.object_angles - theta
     objects = np.column_stack([relative[:-1], np.cos(angles), np.sin(angles)])
     gripper = (x / _LENGTH_SCALE, y / _LENGTH_SCALE, np.cos(theta), np.sin(theta))
     return np.concatenate([objects.ravel(), relative[-1], gripper]).astype(np.float32)

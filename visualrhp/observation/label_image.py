@@ -128,6 +128,7 @@ class LabelImageObservation(Observation):
     dtype = np.uint8
     low = 0
     high = len(Label) - 1
+    encoder = "label_image"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -1,19 +1,19 @@
 """The interface of observations, the input of networks: label images, Cartesian features and user-defined ones.
 
-A new observation is a subclass of :class:`Observation` in a separate file: defining it registers its name. Networks
-choose their encoder by its shape, environments their spaces by its shape, dtype and bounds.
+A new observation is a subclass of :class:`Observation` in a separate file: defining it registers its name. It names the
+encoder of its networks; environments make their spaces from its shape, dtype and bounds.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.errors import CheckpointError, ConfigError
+from visualrhp.errors import ConfigError, SceneError
 from visualrhp.scene.sampling import SceneDistribution
 from visualrhp.scene.scene import Scene
 from visualrhp.types import State
@@ -43,11 +43,13 @@ class Observation(ABC):
         num_objects: as given.
         shape: of one observation; [H, W] for a label image, [F] for features.
         dtype: of one observation.
+        encoder: of its networks (:mod:`visualrhp.heuristics.networks`): ``label_image``, or ``features`` for a vector.
         low: least value of an entry.
         high: largest value of an entry.
 
     Raises:
-        ConfigError: ``num_objects`` is missing, or given for an observation of any number of objects.
+        ConfigError: ``num_objects`` is missing, or given for an observation of any number of objects; in the definition
+            of a subclass: its name is taken.
     """
 
     name: ClassVar[str]
@@ -55,10 +57,20 @@ class Observation(ABC):
     dtype: ClassVar[type[np.uint8 | np.float32]]
     low: ClassVar[float]
     high: ClassVar[float]
+    encoder: ClassVar[Literal["label_image", "features"]] = "features"
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        _REGISTER[cls.name] = cls
+        name = cls.__dict__.get("name")
+        if name is None:  # a base class of observations
+            return
+        known = _REGISTER.get(name)
+        if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise ConfigError(
+                f"the observation {name!r} is defined by {known.__module__}.{known.__qualname__}; choose another name "
+                f"for {cls.__module__}.{cls.__qualname__}"
+            )
+        _REGISTER[name] = cls
 
     def __init__(self, num_objects: int | None = None) -> None:
         if self.fixes_num_objects and num_objects is None:
@@ -91,12 +103,12 @@ class Observation(ABC):
         """Check that the scene has the number of objects of this observation.
 
         Raises:
-            CheckpointError: it does not.
+            SceneError: it does not.
         """
         if self.num_objects not in (None, scene.num_objects):
-            raise CheckpointError(
-                f"this {self.name} network reads scenes of {self.num_objects} objects and cannot guide in one of "
-                f"{scene.num_objects}; every number of objects needs its own (Sec. 7.5)"
+            raise SceneError(
+                f"the scene has {scene.num_objects} objects, but these are {self}; every number of objects needs its "
+                "own (paper, Sec. 7.5)"
             )
 
     def __eq__(self, other: object) -> bool:

@@ -49,7 +49,7 @@ class ClosedLoopKRRT(Planner):
 
         def policy(state: State) -> Decision:
             nonlocal plan, num_decisions
-            if not plan.foresees(state):
+            if not plan.predicts(state):
                 found = replay(model, state, plan.actions)[0] if self.keep_plan else None
                 if found is None:
                     found = self.rrt.search(model, state, rng, MAX_EPISODE_ACTIONS - num_decisions).episode

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from visualrhp.heuristics.heuristic import Guidance, Heuristic
@@ -36,13 +36,6 @@ class DecisionClock:
         self._end = None if deadline_s is None else self._start + deadline_s
         self._simulation_s = self._observation_s = self._heuristic_s = 0.0
         self._longest_call_s = 0.0
-
-    def rounds(self) -> Iterator[None]:
-        """Iterate over rounds of roll-outs: one without a deadline; with a deadline, as many as fit."""
-        if self._end is None:
-            yield
-        while self._end is not None and not self.is_too_late_to_guide():
-            yield
 
     def simulate(self, rollouts: Sequence[Simulated]) -> bool:
         """Simulate the next action of each roll-out; False if the deadline passed before the last of them."""

@@ -20,7 +20,7 @@ from visualrhp.planning.plan import Plan
 from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.rules import MAX_EPISODE_ACTIONS
-from visualrhp.types import Column, Episode, State
+from visualrhp.types import Episode, State
 
 
 @parameters
@@ -82,6 +82,6 @@ class DHRRT(Planner):
 
 def distance_to_target(scene: Scene, state: State) -> float:
     """h: distance of the desired object's centre from the target region [m], 0 within it."""
-    x, y = state.vector[Column.DESIRED_POSITION].tolist()
+    x, y = state.desired_position.tolist()
     target_x, target_y = scene.target.position.tolist()
     return max(math.hypot(x - target_x, y - target_y) - scene.target.radius, 0.0)

@@ -1,4 +1,4 @@
-"""What a receding horizon planner remembers from one decision of an episode to the next."""
+"""State of a receding horizon planner that is kept between the decisions of an episode."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from visualrhp.planning.planner import Decision, PlanningModel
-from visualrhp.types import Action, FloatArray, State
+from visualrhp.types import Action, Column, FloatArray, State, wrap_angle
 
 RESOLUTION = 1e-3
 """Largest difference between the entries of equal states [m], [rad]."""
@@ -32,7 +32,10 @@ class EpisodeMemory:
 
     def has_visited(self, state: State) -> bool:
         """Whether the episode has been in ``state``, up to :data:`RESOLUTION`."""
-        return bool((np.abs(np.array(self._visited) - state.vector).max(axis=1) <= RESOLUTION).any())
+        differences = np.array(self._visited) - state.vector
+        for angles in (Column.GRIPPER_THETA, Column.OBJECTS_THETA):
+            differences[:, angles] = wrap_angle(differences[:, angles])
+        return bool((np.abs(differences).max(axis=1) <= RESOLUTION).any())
 
     def remember(self, decision: Decision) -> None:
         """Remember the chosen roll-out."""

@@ -24,7 +24,7 @@ class Plan:
         """The remaining actions."""
         return self._episode.actions[self._num_done :] if self._episode else ()
 
-    def foresees(self, state: State) -> bool:
+    def predicts(self, state: State) -> bool:
         """Whether ``state`` equals the predicted state for the next action, bit for bit."""
         return bool(self.actions) and self._episode is not None and self._episode.states[self._num_done] == state
 

@@ -51,7 +51,7 @@ class PlanningModel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """A simulated sequence of actions: of receding horizon planning (Alg. 1), or the rest of a plan that is followed.
+    """A simulated sequence of actions: a roll-out of Algorithm 1, or the rest of a plan that is followed.
 
     Time indices: ``actions[k]`` is taken in ``states[k]``, earns ``rewards[k]`` and leads to ``states[k + 1]``.
 

@@ -78,7 +78,7 @@ class PushingSample:
         self._standoff = float(rng.uniform(0.0, planner.standoff))
         side = rng.normal(0.0, _SIDE_DEVIATION) if with_object else rng.uniform(-np.pi, np.pi)
         self._side, self._turn = float(side), float(rng.normal(0.0, _HEADING_DEVIATION))
-        self._obstacles = start.object_poses[1:, :2]
+        self._obstacles = start.object_positions[1:]
         self._heading_weight = planner.heading_weight
         self._object_weight = planner.object_weight if with_object else 0.0
         self._obstacle_weight = planner.obstacle_weight

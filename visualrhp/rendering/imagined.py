@@ -111,18 +111,18 @@ def _draw_ghost(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
 
 def _ghost(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
     """Outlines of the gripper and of the objects that moved, at the end of a path."""
-    start, end = path.states[0], path.states[-1]
+    end = path.states[-1]
     if len(path.states) == 1:
         return []
     outlines = list(scene.gripper.outlines(end.gripper_pose, end.gripper_opening))
     if _moves(path, 0):
         outlines.append(geometry.to_world(scene.objects[0].outline, end.object_poses[0]))
-    fallen = [i for i in range(1, start.num_objects) if _is_off(scene, end.object_poses[i])]
+    fallen = [i for i in rules.dropped_objects(scene, end) if i > 0]
     return outlines + [geometry.to_world(scene.objects[i].outline, end.object_poses[i]) for i in fallen]
 
 
 def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
-    gripper = np.array([state.gripper_pose[:2] for state in path.states])
+    gripper = np.array([state.gripper_position for state in path.states])
     width = 0.0056 if path.is_chosen else 0.0032
     casing = INK if path.is_chosen else PAPER
     if len(gripper) > 1:
@@ -133,7 +133,7 @@ def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
         canvas.dot(position, radius + 0.0015, casing)
         canvas.dot(position, radius, colour)
     if _moves(path, 0):
-        desired = np.array([state.object_poses[0, :2] for state in path.states])
+        desired = np.array([state.desired_position for state in path.states])
         for position in _beads(desired, canvas.size_of(0.0085 if path.is_chosen else 0.0075)):
             canvas.dot(position, 0.5 * width + 0.0013, casing)
             canvas.dot(position, 0.5 * width, colour)
@@ -142,13 +142,13 @@ def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
 def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
     end = path.states[-1]
     if path.is_diverged:
-        _cross(canvas, end.gripper_pose[:2], DIVERGED)
+        _cross(canvas, end.gripper_position, DIVERGED)
         return
-    for pose in _fallen(canvas.scene, path):
-        _cross(canvas, pose[:2], DROPPED)
+    for position in _fallen(canvas.scene, path):
+        _cross(canvas, position, DROPPED)
     if rules.is_goal(canvas.scene, end) and not rules.is_dropped(canvas.scene, end):
         for radius, ring in ((0.0125, PAPER), (0.0115, TARGET), (0.008, PAPER), (0.007, colour)):
-            canvas.dot(end.object_poses[0, :2], radius, ring)
+            canvas.dot(end.desired_position, radius, ring)
 
 
 def _cross(canvas: Canvas, centre: FloatArray, colour: Colour) -> None:
@@ -159,21 +159,18 @@ def _cross(canvas: Canvas, centre: FloatArray, colour: Colour) -> None:
 
 
 def _moves(path: ImaginedPath, index: int) -> bool:
-    start = path.states[0].object_poses[index]
+    start = path.states[0]
     return any(
-        math.hypot(*(state.object_poses[index, :2] - start[:2])) > _STILL
-        or abs(state.object_poses[index, 2] - start[2]) > 0.1
+        math.hypot(*(state.object_positions[index] - start.object_positions[index])) > _STILL
+        or abs(state.object_angles[index] - start.object_angles[index]) > 0.1
         for state in path.states[1:]
     )
 
 
 def _fallen(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
-    """Final poses [3] of the objects that a path drops."""
-    return [pose for pose in path.states[-1].object_poses if _is_off(scene, pose)]
-
-
-def _is_off(scene: Scene, pose: FloatArray) -> bool:
-    return not geometry.contains(scene.edges, float(pose[0]), float(pose[1]))
+    """Final positions [2] of the objects that a path drops."""
+    end = path.states[-1]
+    return [end.object_positions[i] for i in rules.dropped_objects(scene, end)]
 
 
 def _beads(points: FloatArray, spacing: float) -> FloatArray:
@@ -205,9 +202,12 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     low, high = value_range(paths)
     text_px = max(9, round(side / 40))
     pad = max(2, round(text_px / 4))
-    ends = [canvas.frame_pixels(path.states[-1].gripper_pose[None, :2])[0] for path in paths]
-    marks = [*ends, *(canvas.frame_pixels(pose[None, :2])[0] for path in paths for pose in _fallen(canvas.scene, path))]
-    starts = [canvas.frame_pixels(path.states[0].gripper_pose[None, :2])[0] for path in paths]
+    ends = [canvas.frame_pixels(path.states[-1].gripper_position[None])[0] for path in paths]
+    marks = [
+        *ends,
+        *(canvas.frame_pixels(position[None])[0] for path in paths for position in _fallen(canvas.scene, path)),
+    ]
+    starts = [canvas.frame_pixels(path.states[0].gripper_position[None])[0] for path in paths]
     order = sorted(range(len(paths)), key=lambda i: (not paths[i].is_chosen, -paths[i].value))
     drawn: list[Box] = []
     written: list[tuple[str, FloatArray]] = []

@@ -112,7 +112,7 @@ def observation_panel(scene: Scene, believed_scene: Scene, state: State, height:
     lines = [
         f"{labels.shape[0]} x {labels.shape[1]} labels, gripper-centred",
         f"gripper {'closed' if state.gripper_closed else 'open'}, {1e3 * state.gripper_opening:.0f} mm",
-        f"{1e2 * np.hypot(*(state.object_poses[0, :2] - scene.target.position)):.1f} cm to the target",
+        f"{1e2 * np.hypot(*(state.desired_position - scene.target.position)):.1f} cm to the target",
     ]
     for line_number, line in enumerate(lines):
         baseline = top + side + margin + text_px + round(1.45 * line_number * text_px)

@@ -8,7 +8,18 @@ import cv2
 import numpy as np
 
 from visualrhp.observation.label_image import PALETTE, label_image
-from visualrhp.rendering.drawing import BACKGROUND, DESIRED, FINGER, INK, OBSTACLE, ROBOT, SURFACE, Canvas, Colour, mix
+from visualrhp.rendering.drawing import (
+    BACKGROUND,
+    DESIRED,
+    FINGER,
+    GRIPPER,
+    INK,
+    OBSTACLE,
+    SURFACE,
+    Canvas,
+    Colour,
+    mix,
+)
 from visualrhp.rendering.imagined import Box, ImaginedPath, draw_paths, draw_returns, legend_bar
 from visualrhp.rendering.panels import Caption, bar_height, caption_bar, observation_panel
 from visualrhp.rendering.video import Frame
@@ -117,17 +128,17 @@ def _draw_bodies(canvas: Canvas, state: State, trail: Sequence[State]) -> None:
     gripper = scene.gripper.outlines(state.gripper_pose, state.gripper_opening)
     canvas.shade([*outlines, *gripper])
     path = [*trail, state]
-    _draw_path(canvas, np.array([past.object_poses[0, :2] for past in path]), mix(DESIRED, INK, 0.25))
+    _draw_path(canvas, np.array([past.desired_position for past in path]), mix(DESIRED, INK, 0.25))
     for outline in outlines[1:]:
         canvas.polygon(outline, OBSTACLE, mix(OBSTACLE, INK, 0.45))
     canvas.polygon(outlines[0], DESIRED, mix(DESIRED, INK, 0.5), width=0.0022)
-    centre = state.object_poses[0, :2]
+    centre = state.desired_position
     canvas.dot(centre, 0.0045, mix(DESIRED, INK, 0.6))  # the centre must reach the target region
-    _draw_path(canvas, np.array([past.gripper_pose[:2] for past in path]), ROBOT)
+    _draw_path(canvas, np.array([past.gripper_position for past in path]), GRIPPER)
     palm, left, right = gripper
     for finger in (left, right):
         canvas.polygon(finger, FINGER, mix(FINGER, INK, 0.5))
-    canvas.polygon(palm, ROBOT, mix(ROBOT, INK, 0.5))
+    canvas.polygon(palm, GRIPPER, mix(GRIPPER, INK, 0.5))
     _draw_palm_details(canvas, palm)
 
 
@@ -147,9 +158,9 @@ def _draw_path(canvas: Canvas, positions: FloatArray, colour: Colour) -> None:
 def _draw_palm_details(canvas: Canvas, palm: FloatArray) -> None:
     """Draw a lighter plate and the flange of the wrist, so that the gripper is recognizable."""
     centre = palm.mean(axis=0)
-    canvas.polygon(centre + 0.62 * (palm - centre), mix(ROBOT, SURFACE, 0.22))
-    canvas.disc(centre, 0.013, mix(ROBOT, INK, 0.35))
-    canvas.disc(centre, 0.008, mix(ROBOT, SURFACE, 0.45))
+    canvas.polygon(centre + 0.62 * (palm - centre), mix(GRIPPER, SURFACE, 0.22))
+    canvas.disc(centre, 0.013, mix(GRIPPER, INK, 0.35))
+    canvas.disc(centre, 0.008, mix(GRIPPER, SURFACE, 0.45))
 
 
 def _point_to_gripper(canvas: Canvas, state: State) -> None:
@@ -164,4 +175,4 @@ def _point_to_gripper(canvas: Canvas, state: State) -> None:
     heading = centre - place
     angle = float(np.arctan2(heading[1], heading[0]))
     arrow = canvas.size_of(1.0) * np.array([[0.022, 0.0], [-0.008, 0.016], [-0.002, 0.0], [-0.008, -0.016]])
-    canvas.polygon(geometry.to_world(arrow, (*place, angle)), ROBOT, mix(ROBOT, INK, 0.5))
+    canvas.polygon(geometry.to_world(arrow, (*place, angle)), GRIPPER, mix(GRIPPER, INK, 0.5))

@@ -48,6 +48,12 @@ class Gripper:
         if self.stroke > MAX_STROKE:
             raise SceneError(f"the gripper's stroke is {self.stroke} m; it can be at most {MAX_STROKE} m")
 
+    def opening_fault(self, opening: float) -> str | None:
+        """Why the fingers cannot be ``opening`` [m] apart; None if they can."""
+        if 0.0 <= opening <= self.stroke:
+            return None
+        return f"is {opening} m; it ranges from 0 to the stroke of the gripper, {self.stroke} m"
+
     @property
     def palm(self) -> FloatArray:
         """[4, 2] outline of the palm in the gripper frame, counter-clockwise."""

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import shapely
 
+from visualrhp.errors import ConfigError
 from visualrhp.parameters import AsRange, AsTuple, Field, NonNegative, Positive, parameters
 from visualrhp.scene import geometry
 from visualrhp.scene.gripper import Gripper
@@ -22,6 +23,7 @@ NumObjects = Annotated[int, Field(ge=1, le=MAX_OBJECTS)]
 NumVertices = Annotated[int, Field(ge=3)]
 
 _ATTEMPTS_PER_OBJECT = 100
+_ATTEMPTS_PER_SCENE = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ class SceneDistribution:
     start_angle: NonNegative = np.pi / 6
 
     def __post_init__(self) -> None:
-        for name in ("num_objects", "num_vertices"):
+        for name in ("num_objects", "num_vertices", "start_distance"):
             low, high = getattr(self, name)
             if low > high:
                 raise ValueError(f"{name}=[{low}, {high}]: the smaller bound comes first.")
@@ -98,12 +100,15 @@ def sample_task_instance(distribution: SceneDistribution, seed: int, split: Spli
 
     Objects lie entirely on the surface, at a distance from each other and from the gripper, which starts near an edge,
     open and heading inwards. The desired object's centre is outside the target region.
+
+    Raises:
+        ConfigError: the objects of the distribution do not fit on the surface, or it is within the target region.
     """
     rng = generator_for(seed, split, index, Stream.INSTANCE)
+    num_objects = _sample_num_objects(distribution, rng)
     edges = square_edges(distribution.surface_side)
     gripper = Gripper()
-    num_objects = int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
-    while True:
+    for _ in range(_ATTEMPTS_PER_SCENE):
         target = TargetRegion(_sample_position(edges, rng), distribution.target_radius)
         objects = tuple(_sample_shape(distribution, rng) for _ in range(num_objects))
         gripper_pose = _sample_gripper_pose(distribution, edges, rng)
@@ -112,6 +117,21 @@ def sample_task_instance(distribution: SceneDistribution, seed: int, split: Spli
         if poses is not None:
             state = State.create(gripper_pose, gripper.stroke, False, poses)
             return TaskInstance(Scene(target, objects, edges, gripper), state)
+    raise ConfigError(
+        f"no task instance was found in {_ATTEMPTS_PER_SCENE} attempts: {num_objects} objects (scene.object_size="
+        f"{distribution.object_size}) outside each other and the desired one outside the target region "
+        f"(target_radius={distribution.target_radius:g} m) need a surface larger than "
+        f"surface_side={distribution.surface_side:g} m, fewer objects, or a smaller target_radius or clearance."
+    )
+
+
+def sampled_num_objects(distribution: SceneDistribution, seed: int, split: Split, index: int) -> int:
+    """Number of objects of task instance ``index``, without sampling the instance."""
+    return _sample_num_objects(distribution, generator_for(seed, split, index, Stream.INSTANCE))
+
+
+def _sample_num_objects(distribution: SceneDistribution, rng: np.random.Generator) -> int:
+    return int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
 
 
 def _sample_position(edges: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -272,8 +272,6 @@ class TaskInstance:
             raise SceneError(f"the state has {self.state.num_objects} objects and the scene {self.scene.num_objects}")
         if not np.isfinite(self.state.vector).all():
             raise SceneError(f"the state has a number that is not finite: {self.state.vector.tolist()}")
-        if not 0.0 <= self.state.gripper_opening <= self.scene.gripper.stroke:
-            raise SceneError(
-                f"the gripper's opening is {self.state.gripper_opening} m; it ranges from 0 to the stroke, "
-                f"{self.scene.gripper.stroke} m"
-            )
+        fault = self.scene.gripper.opening_fault(self.state.gripper_opening)
+        if fault is not None:
+            raise SceneError(f"the gripper's opening {fault}")

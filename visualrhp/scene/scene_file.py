@@ -296,9 +296,9 @@ def _task_instance(document: _Document, fields: SceneFields) -> TaskInstance:
     shapes, poses = zip(*(_placed_object(entry) for entry in fields.objects), strict=True)
     robot = fields.robot
     opening = robot.opening if robot.opening is not None else 0.0 if robot.closed else gripper.stroke
-    if opening > gripper.stroke:
-        message = f"is {opening} m; it ranges from 0 to the stroke of the gripper, {gripper.stroke} m"
-        document.refuse([_Fault(("robot", "opening"), message)])
+    fault = gripper.opening_fault(opening)
+    if fault is not None:
+        document.refuse([_Fault(("robot", "opening"), fault)])
     gripper_pose = _default_gripper_pose(edges) if robot.pose is None else robot.pose
     state = State.create(gripper_pose, opening, robot.closed, poses)
     return TaskInstance(Scene(TargetRegion(position, fields.target.radius), shapes, edges, gripper), state)

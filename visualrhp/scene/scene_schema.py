@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from visualrhp.scene.gripper import MAX_STROKE, Gripper
 from visualrhp.scene.polygons import MAX_COORDINATE
+from visualrhp.scene.scene import ObjectShape, TargetRegion, square_edges
 
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi, allow_inf_nan=False)]
@@ -30,7 +31,7 @@ class TargetFields(Fields):
     """The disc into which the desired object is to be moved."""
 
     position: Point = Field(description="centre (x, y) [m], on the surface")
-    radius: Length = Field(0.07, description="radius [m]")
+    radius: Length = Field(TargetRegion.radius, description="radius [m]")
 
 
 class RobotFields(Fields):
@@ -58,10 +59,10 @@ class ObjectFields(Fields):
         (0.0, 0.0, 0.0), description="frame of the outline (x [m], y [m], theta [rad]) in the world frame"
     )
     density: Annotated[float, Field(gt=0.0, le=1e4, allow_inf_nan=False)] = Field(
-        1.0, description="mass per area [kg/m^2]"
+        ObjectShape.density, description="mass per area [kg/m^2]"
     )
     friction: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] = Field(
-        0.3, description="Coulomb coefficient"
+        ObjectShape.friction, description="Coulomb coefficient"
     )
 
 
@@ -85,7 +86,7 @@ class SceneFields(Fields):
     schema_: str | None = Field(None, alias="$schema", description="where editors find the schema; ignored")
     description: str | None = Field(None, description="what the scene shows; ignored")
     edges: Polygon = Field(
-        [(-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25)],
+        [(x, y) for x, y in square_edges(0.5).tolist()],
         description="vertices (x, y) [m] of the surface in the world frame, counter-clockwise, a simple polygon",
     )
     target: TargetFields = Field(description="target region: position and radius")

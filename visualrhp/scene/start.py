@@ -59,19 +59,18 @@ def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
         if not (np.isfinite(pose).all() and np.abs(pose[:2]).max() <= MAX_COORDINATE)
     ]
     yield from lost
-    opening, closed, stroke = state.gripper_opening, float(state.vector[Column.CLOSED]), scene.gripper.stroke
+    closed, fault = float(state.vector[Column.CLOSED]), scene.gripper.opening_fault(state.gripper_opening)
     if closed not in (0.0, 1.0):
         yield StartFault(("robot", "closed"), f"is {closed}; it is 1 (closed) or 0 (open)")
-    if not 0.0 <= opening <= stroke:
-        message = f"is {opening} m; it ranges from 0 to the stroke of the gripper, {stroke} m"
-        yield StartFault(("robot", "opening"), message)
+    if fault is not None:
+        yield StartFault(("robot", "opening"), fault)
     elif not lost:
         yield from _misplaced(scene, state)
         yield from _overlapping(scene, state)
 
 
 def _misplaced(scene: Scene, state: State) -> Iterator[StartFault]:
-    for number, (x, y, _) in enumerate(state.object_poses.tolist()):
+    for number, (x, y) in enumerate(state.object_positions.tolist()):
         if not geometry.contains(scene.edges, x, y):
             message = f"puts the centre of mass of objects[{number}] at ({x:.4g}, {y:.4g}), which is not on the surface"
             yield StartFault(("objects", number, "pose"), message)

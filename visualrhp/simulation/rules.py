@@ -7,7 +7,7 @@ from typing import Final
 
 from visualrhp.scene import geometry
 from visualrhp.scene.scene import Scene
-from visualrhp.types import Column, Outcome, State
+from visualrhp.types import Outcome, State
 
 ACTION_REWARD: Final = -1.0
 """Reward of every action (Sec. 7)."""
@@ -27,7 +27,7 @@ MAX_EPISODE_ACTIONS: Final = MAX_ACTIONS - 1
 
 def is_goal(scene: Scene, state: State) -> bool:
     """Whether the desired object's centre is in the target region: ||(x, y)^desObj - (x, y)^tarReg|| <= rad^tarReg."""
-    x, y = state.vector[Column.DESIRED_POSITION].tolist()
+    x, y = state.desired_position.tolist()
     target_x, target_y = scene.target.position.tolist()
     return math.hypot(x - target_x, y - target_y) <= scene.target.radius
 
@@ -35,7 +35,13 @@ def is_goal(scene: Scene, state: State) -> bool:
 def is_dropped(scene: Scene, state: State) -> bool:
     """Whether the state is invalid: the centre of an object is outside the surface edges."""
     edges = scene.edges.tolist()
-    return not all(geometry.contains(edges, x, y) for x, y, _ in state.object_poses.tolist())
+    return not all(geometry.contains(edges, x, y) for x, y in state.object_positions.tolist())
+
+
+def dropped_objects(scene: Scene, state: State) -> list[int]:
+    """Indices of the objects whose centre is outside the surface edges."""
+    edges = scene.edges.tolist()
+    return [i for i, (x, y) in enumerate(state.object_positions.tolist()) if not geometry.contains(edges, x, y)]
 
 
 def reward(dropped: bool) -> float:
@@ -48,8 +54,7 @@ def outcome_after(is_goal: bool, is_dropped: bool, num_actions: int) -> Outcome 
 
     A drop takes precedence over the goal, and the goal over the action limit: success requires under 50 actions.
     """
-    if is_dropped:
-        return Outcome.DROPPED
-    if is_goal:
-        return Outcome.SUCCESS
-    return Outcome.OUT_OF_ACTIONS if num_actions >= MAX_EPISODE_ACTIONS else None
+    outcome = Outcome.of_state(is_goal, is_dropped)
+    if outcome is None and num_actions >= MAX_EPISODE_ACTIONS:
+        return Outcome.OUT_OF_ACTIONS
+    return outcome

@@ -14,7 +14,7 @@ from visualrhp.types import Action, State, Transition
 
 
 class TransitionModel:
-    """T and r of Sec. 4 for one scene: a bit-exact function of (state, action), whatever was simulated before.
+    """T and r of Sec. 4 for one scene: a bit-exact function of (state, action), independent of earlier simulations.
 
     Attributes:
         scene: the simulated scene.
@@ -41,7 +41,7 @@ class TransitionModel:
             action=action,
             reward=rules.reward(dropped),
             next_state=next_state,
-            is_goal=not dropped and self.is_goal(next_state),
+            is_goal=not dropped and rules.is_goal(self.scene, next_state),
             is_dropped=dropped,
         )
 
@@ -54,8 +54,8 @@ class TransitionModel:
         return self.simulator.advance(state, self.action_space.motion(action))
 
     def is_goal(self, state: State) -> bool:
-        """Whether the desired object is in the target region."""
-        return rules.is_goal(self.scene, state)
+        """Whether ``state`` is valid and has the desired object in the target region."""
+        return rules.is_goal(self.scene, state) and not self.is_dropped(state)
 
     def is_dropped(self, state: State) -> bool:
         """Whether an object's centre is outside the surface edges."""

@@ -1,4 +1,4 @@
-"""The options beyond Algorithm 1, on the line of cells and in the simulator."""
+"""The choice among the roll-outs of a task, with all options, on the line of cells and in the simulator."""
 
 from __future__ import annotations
 
