@@ -30,7 +30,7 @@ def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristi
     heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
     if isinstance(config, GreedyConfig):
         return Greedy(heuristic, config.name)
-    return RecedingHorizon(heuristic, **_parameters(config, RecedingHorizonParameters))
+    return RecedingHorizon(heuristic, **parameters_of(config, RecedingHorizonParameters))
 
 
 def needed_network(
@@ -59,7 +59,7 @@ def _build_heuristic(
     num_objects: int,
 ) -> Heuristic:
     if isinstance(config, CraftedHeuristicConfig):
-        return CraftedHeuristic(action_space, CostToGo(**_parameters(config, CostToGo)))
+        return CraftedHeuristic(action_space, CostToGo(**parameters_of(config, CostToGo)))
     path = network_path(heuristics, action_space, config.observation, num_objects)
     if not path.is_file():
         arguments = f"action_space={action_space} observation={config.observation}"
@@ -70,21 +70,23 @@ def _build_heuristic(
             "heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or planner=kinodynamic_rrt, which "
             "need no network"
         )
-    return load_once(path, _version(path), action_space, config.temperature)
+    return cached_heuristic(path, action_space, config.temperature)
 
 
-def _parameters(config: object, schema: type) -> dict[str, Any]:
+def parameters_of(config: object, schema: type) -> dict[str, Any]:
     """The fields of ``schema`` in its extension ``config``."""
     return {entry.name: getattr(config, entry.name) for entry in fields(schema)}  # pyright: ignore[reportArgumentType]
 
 
+def cached_heuristic(path: Path, action_space: ActionSpaceName, temperature: float) -> Heuristic:
+    """Load the network in a file, once per process and version of the file."""
+    version = (path.stat().st_mtime_ns, path.stat().st_size) if path.is_file() else (0, 0)
+    return _load(path, version, action_space, temperature)
+
+
 @lru_cache(maxsize=32)
-def load_once(path: Path, version: tuple[int, int], action_space: ActionSpaceName, temperature: float) -> Heuristic:
-    """Load a network once per process; ``version`` changes with the file."""
+def _load(path: Path, version: tuple[int, int], action_space: ActionSpaceName, temperature: float) -> Heuristic:
+    """``version`` changes with the file."""
     from visualrhp.heuristics.checkpoint import load_heuristic
 
     return load_heuristic(path, expect_action_space=action_space, temperature=temperature)
-
-
-def _version(path: Path) -> tuple[int, int]:
-    return (path.stat().st_mtime_ns, path.stat().st_size) if path.is_file() else (0, 0)

@@ -12,6 +12,8 @@ contain both, and the initial network.
 from __future__ import annotations
 
 import functools
+import hashlib
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +32,7 @@ from pipelines.workflow.app import app
 if TYPE_CHECKING:
     from pipelines.config import DQNLearnerConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
-    from visualrhp.heuristics.networks import ActorCritic, QNetwork
+    from visualrhp.heuristics.networks import QNetwork
     from visualrhp.learning.reinforcement import ReinforcementLearner
     from visualrhp.planning import RecedingHorizon
     from visualrhp.types import Metrics
@@ -62,10 +64,12 @@ def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
         ConfigError: ``learner.frames_per_batch`` is not a multiple of ``learner.num_envs``.
         DataError: the demonstrations are missing or damaged.
     """
+    from pipelines.networks import load_start
     from visualrhp.environments.batched import BatchedClutterEnv
 
     learner = config.learner
-    network = _load_start(config, part).to(config.device)
+    network = load_start(_start_path(config, part), config.action_space.name, observation_of(config, part))
+    network = network.to(config.device)
     env = BatchedClutterEnv(
         distribution_of(config, part),
         config.action_space.name,
@@ -104,8 +108,6 @@ def _planner(learner: DQNLearnerConfig, network: QNetwork) -> RecedingHorizon:
 
 def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metrics]:
     """Train one network in ``folder``, or resume its training; yield one row of metrics per iteration."""
-    import time
-
     from pipelines.workflow.artefacts import card
     from visualrhp.files import write_json
     from visualrhp.heuristics.conversion import save_heuristic
@@ -141,22 +143,6 @@ def _start_path(config: TrainRLConfig, part: Part) -> Path:
     return Path(config.heuristic) / f"heuristic{part.suffix}.safetensors"
 
 
-def _load_start(config: TrainRLConfig, part: Part) -> QNetwork | ActorCritic:
-    """Load the initial network."""
-    from visualrhp.errors import CheckpointError
-    from visualrhp.heuristics.conversion import load_network
-
-    path = _start_path(config, part)
-    network, _ = load_network(path, config.action_space.name)
-    expected = observation_of(config, part)
-    if network.observation != expected:
-        raise CheckpointError(
-            f"{path} reads {network.observation}, but observation={config.observation.name} needs {expected}; set "
-            "heuristic=<folder> to a folder with networks for them"
-        )
-    return network
-
-
 def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
     from visualrhp.demonstrations.dataset import DemonstrationSet
 
@@ -165,11 +151,11 @@ def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
 
 def input_hashes(config: TrainRLConfig) -> dict[str, str]:
     """Hashes of the inputs of the training; missing or damaged files are found here, before any work."""
-    import hashlib
+    from pipelines.networks import load_start
 
     hashes = {}
     for part in parts_of(config):
-        _load_start(config, part)
+        load_start(_start_path(config, part), config.action_space.name, observation_of(config, part))
         hashes[part.name] = hashlib.sha256(_start_path(config, part).read_bytes()).hexdigest()
     if config.learner.algorithm == "dqn":
         hashes["demonstrations"] = str(_open_demonstrations(config).card["content_hash"])

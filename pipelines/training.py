@@ -1,4 +1,4 @@
-"""Common code of ``train_il`` and ``train_rl``: training of one network, or of one per number of objects.
+"""Common code of the stages that train networks: one network, or one per number of objects.
 
 An image network is for all numbers of objects and is trained in this process; Cartesian networks, one per number of
 objects, are trained in parallel and tracked as child runs (Sec. 7.5).
@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 from pipelines.workflow.tracking import Run, flatten
 
 if TYPE_CHECKING:
-    from pipelines.config import TrainILConfig, TrainRLConfig
+    from pipelines.config import ExpertIterationConfig, TrainILConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.observation import Observation
     from visualrhp.scene import SceneDistribution
     from visualrhp.types import Metrics
 
-    AnyConfig = TrainILConfig | TrainRLConfig
+    AnyConfig = TrainILConfig | TrainRLConfig | ExpertIterationConfig
 
 NUM_THREADS = 1
 """Number of threads of torch in a training; it determines the order of sums, and thus the last bits of a result."""

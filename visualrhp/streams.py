@@ -20,6 +20,7 @@ class Split(IntEnum):
     VALIDATION = 2
     EVALUATION = 3
     TUNING = 4
+    EXPERT_ITERATION = 5
 
 
 class Stream(Enum):
@@ -32,7 +33,7 @@ class Stream(Enum):
     NOISE = (2, 0)
     """The perturbed world of Sec. 8.2."""
     EXPLORATION = (2, 1)
-    """eps-RHP (Sec. 6.3.1); the counter is the number of the action in its episode."""
+    """eps-RHP (Sec. 6.3.1): the counter is the number of the action in its episode. Expert iteration: who acts."""
 
 
 class TrainingStream(Enum):
@@ -63,7 +64,8 @@ def generator_for(seed: int, split: Split, index: int, stream: Stream, *counters
 
 
 def search_seed(seed: int, trial: int) -> int:
-    """The seed with which a parameter search proposes trial ``trial``, so that a resumed search is reproducible."""
+    """The seed of trial ``trial`` of a parameter search, or of the imitation in round ``trial`` of expert iteration, so
+    that a resumed one is reproducible."""
     return int(np.random.SeedSequence([seed, trial]).generate_state(1)[0])
 
 

@@ -150,6 +150,21 @@ class C3POLearnerConfig(learning.C3POConfig):
     num_envs: Count
 
 
+@parameters(kw_only=True)
+class ExpertIterationLearnerConfig(learning.ExpertIterationConfig):
+    """Expert iteration, and the imitation in its rounds."""
+
+    algorithm: Literal["expert_iteration"]
+    imitation: Annotated[QImitationLearnerConfig | ActorCriticImitationLearnerConfig, Field(discriminator="algorithm")]
+
+
+@parameters
+class RoundValidationConfig:
+    """Validation after each round. Attributes: ``num_instances``, the number of task instances, always the same."""
+
+    num_instances: Count
+
+
 @parameters
 class ValidationConfig:
     """Greedy evaluation during training, on separate task instances.

@@ -9,10 +9,13 @@ from pipelines.config.groups import (
     ActorCriticImitationLearnerConfig,
     C3POLearnerConfig,
     DQNLearnerConfig,
+    ExpertIterationLearnerConfig,
     KinodynamicRRTConfig,
     ObservationConfig,
     PlannerConfig,
     QImitationLearnerConfig,
+    RecedingHorizonConfig,
+    RoundValidationConfig,
     ValidationConfig,
     VideoConfig,
 )
@@ -123,6 +126,34 @@ class TrainRLConfig(PipelineConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_learner(self.learner.algorithm, self.action_space.name)
+
+
+@parameters
+class ExpertIterationConfig(PipelineConfig):
+    """``python -m pipelines.expert_iteration``.
+
+    Attributes:
+        planner: the expert, guided by the network in training (``planner.heuristic`` gives its temperature).
+        heuristic: folder with the initial networks.
+    """
+
+    scene: SceneDistribution
+    physics: Physics
+    planner: RecedingHorizonConfig
+    observation: ObservationConfig
+    learner: ExpertIterationLearnerConfig
+    validation: RoundValidationConfig
+    video: VideoConfig
+    heuristic: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_learner(self.learner.imitation.algorithm, self.action_space.name)
+        if self.planner.deadline_s is not None:
+            raise ValueError(
+                f"planner.deadline_s={self.planner.deadline_s:g}: the result would depend on the speed of the machine; "
+                "it must be null."
+            )
 
 
 @parameters

@@ -65,6 +65,20 @@ SHOWN_CURVES: Final[Mapping[str, ShownCurves]] = {
             "policy/kl",
         ),
     ),
+    "expert_iteration": ShownCurves(
+        "Expert iteration",
+        "round",
+        (
+            "validation/score",
+            "validation/success_rate",
+            "validation/num_actions",
+            "greedy/success_rate",
+            "collection/expert_success_rate",
+            "collection/greedy_success_rate",
+            "imitation/train_value_error",
+            "imitation/validation_value_rmse",
+        ),
+    ),
 }
 """By stage, which is the name of its folder."""
 

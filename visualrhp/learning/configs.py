@@ -5,9 +5,10 @@ Defaults: Sec. 7.4.
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import Annotated, Literal
 
-from visualrhp.parameters import Count, Discount, Field, Fraction, NonNegative, Positive, parameters
+from visualrhp.parameters import AsTuple, Count, Discount, Field, Fraction, NonNegative, Positive, parameters
 from visualrhp.simulation.rules import DISCOUNT
 
 
@@ -67,6 +68,40 @@ class ActorCriticImitationConfig(ImitationConfig):
     value_coefficient: Positive = 0.7
     entropy_coefficient: NonNegative = 0.01
     return_unit: Positive = 1.0
+
+
+@parameters
+class ExpertIterationConfig:
+    """Parameters of expert iteration (not in the paper).
+
+    Attributes:
+        rounds: of collecting, imitating and validating.
+        episodes_per_round: task instances that the planner solves in each round.
+        max_objects: largest number of objects in the first and in the last round; it grows linearly.
+        greedy_share: share of the episodes in which the mode of the policy acts, and the planner only decides.
+        noise: relative standard deviation of shapes, friction and density in the world, also in validation.
+        replay_rounds: number of rounds, including the present one, whose episodes are imitated.
+        action_cost: weight of 49 actions, relative to a success, in the score of a network.
+        imitation: of the episodes, in every round.
+
+    Raises:
+        ConfigError: a parameter is out of range.
+    """
+
+    rounds: Count = 10
+    episodes_per_round: Count = 3_000
+    max_objects: Annotated[tuple[Count, Count], AsTuple] = (7, 12)
+    greedy_share: Fraction = 0.25
+    noise: NonNegative = 0.0
+    replay_rounds: Count = 3
+    action_cost: NonNegative = 0.5
+    imitation: QImitationConfig | ActorCriticImitationConfig = field(default_factory=ActorCriticImitationConfig)
+
+    def max_objects_in(self, round_: int) -> int:
+        """Largest number of objects in round ``round_``, from 1 to ``rounds``."""
+        first, last = self.max_objects
+        share = (round_ - 1) / max(1, self.rounds - 1)
+        return round(first + share * (last - first))
 
 
 @parameters

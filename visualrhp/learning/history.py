@@ -22,6 +22,17 @@ def imitation_summary(history: Sequence[Metrics]) -> dict[str, Any]:
     return metrics
 
 
+def expert_iteration_summary(history: Sequence[Metrics], best_round: int) -> dict[str, Any]:
+    """Validation of the initial, best and last network, of the planner and of the greedy policy."""
+    metrics: dict[str, Any] = {"rounds": int(history[-1]["round"]), "best_round": best_round}
+    for name, row in (("initial", history[0]), ("best", history[best_round]), ("last", history[-1])):
+        metrics[name] = {
+            group: {key.removeprefix(f"{group}/"): value for key, value in row.items() if key.startswith(f"{group}/")}
+            for group in ("validation", "greedy")
+        }
+    return metrics
+
+
 def reinforcement_summary(history: Sequence[Metrics], best_iteration: int) -> dict[str, Any]:
     """Greedy performance of the initial, best and last network, and the number of transitions; without times."""
     evaluated = [row for row in history if "greedy/success_rate" in row]

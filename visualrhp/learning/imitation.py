@@ -140,11 +140,14 @@ class ImitationLearner:
 
     def _loss(self, batch: ImitationBatch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         action, returns = batch.action.to(self._device), batch.returns.to(self._device)
+        is_target, is_valued = (
+            None if mask is None else mask.to(self._device) for mask in (batch.is_target, batch.is_valued)
+        )
         outputs = self._outputs(batch)
         config = self.config
         if isinstance(config, QImitationConfig):
             margin = value_margin(batch.steps_to_go, config.margin_actions, config.margin_cost, config.discount)
-            return q_imitation_loss(outputs, action, returns, margin.to(self._device))
+            return q_imitation_loss(outputs, action, returns, margin.to(self._device), is_target, is_valued)
         return actor_critic_imitation_loss(
             outputs,
             action,
@@ -153,6 +156,8 @@ class ImitationLearner:
             config.value_coefficient,
             config.entropy_coefficient,
             config.return_unit,
+            is_target,
+            is_valued,
         )
 
     def _outputs(self, batch: ImitationBatch) -> Any:

@@ -35,6 +35,8 @@ class ImitationBatch:
         action: [B] int64 or [B, 4] float32.
         returns: [B] float32, Monte Carlo targets (Eq. 4).
         steps_to_go: [B] int64, L - l.
+        is_target: [B] bool, pairs whose action the policy learns; None for all.
+        is_valued: [B] bool, pairs whose return the value learns; None for all.
     """
 
     observation: torch.Tensor
@@ -42,6 +44,8 @@ class ImitationBatch:
     action: torch.Tensor
     returns: torch.Tensor
     steps_to_go: torch.Tensor
+    is_target: torch.Tensor | None = None
+    is_valued: torch.Tensor | None = None
 
     def mirrored(self, rows: torch.Tensor, observation: Observation) -> ImitationBatch:
         """The same pairs, with those in the mask ``rows`` [B] mirrored."""
@@ -68,6 +72,8 @@ class ImitationData:
         returns: [T] float32, Monte Carlo targets (Eq. 4).
         steps_to_go: [T] int32, L - l.
         demonstration: [T] int32, number of the demonstration of each pair.
+        is_target: [T] bool, pairs whose action the policy learns; None for all.
+        is_valued: [T] bool, pairs whose return the value learns; None for all.
     """
 
     observation: Observation
@@ -77,6 +83,8 @@ class ImitationData:
     returns: torch.Tensor
     steps_to_go: torch.Tensor
     demonstration: torch.Tensor
+    is_target: torch.Tensor | None = None
+    is_valued: torch.Tensor | None = None
 
     @classmethod
     def from_demonstrations(
@@ -130,6 +138,8 @@ class ImitationData:
             action=self.action[rows],
             returns=self.returns[rows],
             steps_to_go=self.steps_to_go[rows].to(torch.int64),
+            is_target=None if self.is_target is None else self.is_target[rows],
+            is_valued=None if self.is_valued is None else self.is_valued[rows],
         )
 
     def split(self, fraction: float, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:

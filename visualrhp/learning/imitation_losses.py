@@ -48,14 +48,29 @@ def q_targets(q: torch.Tensor, action: torch.Tensor, returns: torch.Tensor, marg
 
 
 def q_imitation_loss(
-    q: torch.Tensor, action: torch.Tensor, returns: torch.Tensor, margin: torch.Tensor
+    q: torch.Tensor,
+    action: torch.Tensor,
+    returns: torch.Tensor,
+    margin: torch.Tensor,
+    is_target: torch.Tensor | None = None,
+    is_valued: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """Squared error of the eight action values, summed over the actions and averaged over the batch (Eq. 4 and Eq. 5).
+
+    Args:
+        q, action, returns, margin: see :func:`q_targets`.
+        is_target: [B] pairs whose other actions are worse by the margin; None for all.
+        is_valued: [B] pairs whose return is the value of the selected action; None for all.
 
     Returns:
         the loss, and the contributions of the selected and of the other actions.
     """
     errors = (q - q_targets(q, action, returns, margin)).square()
+    if is_target is not None and is_valued is not None:
+        weights = (
+            is_target[:, None].to(q.dtype).expand_as(q).scatter(1, action[:, None], is_valued[:, None].to(q.dtype))
+        )
+        errors = errors * weights
     selected = errors.gather(1, action[:, None]).mean()
     loss = errors.sum(dim=1).mean()
     return loss, {"selected": selected.detach(), "unselected": (loss - selected).detach()}
@@ -69,6 +84,8 @@ def actor_critic_imitation_loss(
     value_coefficient: float,
     entropy_coefficient: float,
     return_unit: float = 1.0,
+    is_target: torch.Tensor | None = None,
+    is_valued: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     r"""Loss of policy and value (Eq. 6), averaged over the batch.
 
@@ -82,15 +99,24 @@ def actor_critic_imitation_loss(
         value_coefficient: c1.
         entropy_coefficient: c2, of the penalty on high entropy.
         return_unit: unit of the returns in the squared error.
+        is_target: [B] pairs whose action the policy learns; None for all.
+        is_valued: [B] pairs whose return the value learns; None for all.
 
     Returns:
         the loss, and its terms without their coefficients.
     """
     mean, std, value = outputs
     policy = Independent(Normal(mean, std, validate_args=False), 1, validate_args=False)
-    log_likelihood = policy.log_prob(action).mean()
-    value_error = ((returns - value) / return_unit).square().mean()
+    log_likelihood = _mean(policy.log_prob(action), is_target)
+    value_error = _mean(((returns - value) / return_unit).square(), is_valued)
     entropy = policy.entropy().mean()
     loss = -likelihood_coefficient * log_likelihood + value_coefficient * value_error + entropy_coefficient * entropy
     terms = {"log_likelihood": log_likelihood, "value_error": value_error, "entropy": entropy}
     return loss, {name: term.detach() for name, term in terms.items()}
+
+
+def _mean(values: torch.Tensor, mask: torch.Tensor | None) -> torch.Tensor:
+    """Mean over the pairs in ``mask`` [B], 0 if there are none; over all pairs without a mask."""
+    if mask is None:
+        return values.mean()
+    return torch.where(mask, values, 0.0).sum() / mask.sum().clamp(min=1)
