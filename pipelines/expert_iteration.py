@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.training import Part, Training, greedy_evaluation, observation_of, parts_of
+from pipelines.training import Part, Training, greedy_evaluation, load_start, observation_of, parts_of
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
@@ -158,8 +158,6 @@ def input_hashes(config: ExpertIterationConfig) -> dict[str, str]:
     Raises:
         CheckpointError: an initial network is missing or damaged, or has another action space or observation.
     """
-    from pipelines.networks import load_start
-
     hashes = {}
     for part in parts_of(config):
         path = start_path(config, part)

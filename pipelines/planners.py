@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pipelines.config import CraftedHeuristicConfig, GreedyConfig, LearnedHeuristicConfig, PlannerConfig
 from pipelines.networks import network_path
@@ -15,11 +15,23 @@ from visualrhp.heuristics.heuristic import Heuristic
 from visualrhp.observation import observation_class
 from visualrhp.planning import Greedy, Planner, RecedingHorizon
 from visualrhp.planning.decision_task import RecedingHorizonParameters
+from visualrhp.pretrained import pretrained_folder
 from visualrhp.types import ActionSpaceName
 
+RELEASED: Final = {"pretrained": pretrained_folder("best"), "pretrained_paper": pretrained_folder("paper")}
+"""Names of the folders with the released networks."""
 
-def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int) -> Planner:
-    """Build the planner for scenes with ``num_objects`` objects; networks are loaded from the folder ``heuristics``.
+
+def build_planner(
+    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
+) -> Planner:
+    """Build the planner for scenes with ``num_objects`` objects.
+
+    Args:
+        config: the planner.
+        action_space: of the planner.
+        heuristics: folder with its networks; None for that of ``config``.
+        num_objects: m.
 
     Raises:
         CheckpointError: a network is missing (the message says how to train it) or damaged, or has another action space
@@ -34,7 +46,7 @@ def build_planner(config: PlannerConfig, action_space: ActionSpaceName, heuristi
 
 
 def needed_network(
-    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str, num_objects: int
+    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
 ) -> Path | None:
     """Path of the network that a planner needs for scenes with ``num_objects`` objects; None if it needs none.
 
@@ -42,7 +54,18 @@ def needed_network(
     """
     if isinstance(config, Planner) or not isinstance(config.heuristic, LearnedHeuristicConfig):
         return None
-    return network_path(heuristics, action_space, config.heuristic.observation, num_objects)
+    return _path(config.heuristic, action_space, heuristics, num_objects)
+
+
+def network_name(path: Path, outputs: str, heuristics: str | None) -> str:
+    """Name of a network on cards: its path in the outputs, or else in ``heuristics``, or that of a released network."""
+    folders = {**RELEASED, "": Path(outputs)}
+    if heuristics is not None and not path.is_relative_to(outputs):
+        folders.setdefault(".", Path(heuristics))
+    for name, folder in folders.items():
+        if path.is_relative_to(folder):
+            return (Path(name) / path.relative_to(folder)).as_posix()
+    return path.as_posix()
 
 
 def fixes_num_objects(config: PlannerConfig) -> bool:
@@ -55,22 +78,31 @@ def fixes_num_objects(config: PlannerConfig) -> bool:
 def _build_heuristic(
     config: LearnedHeuristicConfig | CraftedHeuristicConfig,
     action_space: ActionSpaceName,
-    heuristics: str,
+    heuristics: str | None,
     num_objects: int,
 ) -> Heuristic:
     if isinstance(config, CraftedHeuristicConfig):
         return CraftedHeuristic(action_space, CostToGo(**parameters_of(config, CostToGo)))
-    path = network_path(heuristics, action_space, config.observation, num_objects)
+    path = _path(config, action_space, heuristics, num_objects)
     if not path.is_file():
         arguments = f"action_space={action_space} observation={config.observation}"
         raise CheckpointError(
-            f"the network {path} does not exist. Train it with python -m pipelines.generate_demos action_space="
-            f"{action_space}, python -m pipelines.train_il {arguments} and python -m pipelines.train_rl {arguments}, "
-            "in this order (or all networks with dvc repro); or use a folder that has it, as in "
+            f"the network {path} does not exist. Use the released networks, heuristics=pretrained; or train it with "
+            f"python -m pipelines.generate_demos action_space={action_space}, "
+            f"python -m pipelines.train_il {arguments}, "
+            f"python -m pipelines.train_rl {arguments} and, for VisualRHP+, python -m pipelines.expert_iteration "
+            f"{arguments}, in this order (or all networks with dvc repro); or use a folder that has it, as in "
             "heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or planner=kinodynamic_rrt, which "
             "need no network"
         )
     return cached_heuristic(path, action_space, config.temperature)
+
+
+def _path(
+    config: LearnedHeuristicConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
+) -> Path:
+    folder = config.folder if heuristics is None else heuristics
+    return network_path(RELEASED.get(folder, Path(folder)), action_space, config.observation, num_objects)
 
 
 def parameters_of(config: object, schema: type) -> dict[str, Any]:

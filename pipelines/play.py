@@ -43,7 +43,7 @@ def main(config: PlayConfig) -> None:
 
     instance = task_instance(config)
     space, num_objects = config.action_space.name, instance.scene.num_objects
-    planner = build_planner(config.planner, space, config.heuristics, num_objects)
+    planner = build_planner(config.planner, space, heuristics_of(config, num_objects), num_objects)
     path = Path(config.paths.artefact) / f"{file_stem(config, num_objects)}.webm"
     window = open_window(config)
     try:
@@ -125,6 +125,18 @@ def task_instance(config: PlayConfig) -> TaskInstance:
                 raise ConfigError(f"{key} is for sampled scenes only, not for scene_file={config.scene_file}.")
         return load_task_instance(config.scene_file)
     return sample_task_instance(config.scene, config.seed, Split.EVALUATION, config.index)
+
+
+def heuristics_of(config: PlayConfig, num_objects: int) -> str | None:
+    """The folder of the networks: as configured, or the released ones where nothing was trained."""
+    from pipelines.planners import needed_network
+
+    if config.heuristics is None:
+        path = needed_network(config.planner, config.action_space.name, None, num_objects)
+        if path is not None and not path.is_file():
+            _log.info("There is no trained network %s; using the released one (heuristics=pretrained).", path)
+            return "pretrained"
+    return config.heuristics
 
 
 def title_of(config: PlayConfig) -> str:

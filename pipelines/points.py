@@ -153,8 +153,8 @@ def _prepare(point: Point, is_only: bool) -> Point:
 
 
 def network_hashes(points: Sequence[Point]) -> dict[str, str]:
-    """SHA-256 of every network that the points use, by its path within the folder of heuristics."""
-    from pipelines.planners import needed_network
+    """SHA-256 of every network that the points use, by name."""
+    from pipelines.planners import needed_network, network_name
 
     hashes = {}
     for point in points:
@@ -163,6 +163,6 @@ def network_hashes(points: Sequence[Point]) -> dict[str, str]:
         for m in range(low, high + 1):
             path = needed_network(config.planner, config.action_space.name, config.heuristics, m)
             if path is not None and path.is_file():
-                name = path.relative_to(config.heuristics).as_posix()
+                name = network_name(path, config.paths.outputs, config.heuristics)
                 hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return dict(sorted(hashes.items()))

@@ -24,6 +24,7 @@ from pipelines.training import (
     demonstrations_of,
     distribution_of,
     greedy_evaluation,
+    load_start,
     observation_of,
     parts_of,
 )
@@ -64,7 +65,6 @@ def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
         ConfigError: ``learner.frames_per_batch`` is not a multiple of ``learner.num_envs``.
         DataError: the demonstrations are missing or damaged.
     """
-    from pipelines.networks import load_start
     from visualrhp.environments.batched import BatchedClutterEnv
 
     learner = config.learner
@@ -151,8 +151,6 @@ def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
 
 def input_hashes(config: TrainRLConfig) -> dict[str, str]:
     """Hashes of the inputs of the training; missing or damaged files are found here, before any work."""
-    from pipelines.networks import load_start
-
     hashes = {}
     for part in parts_of(config):
         load_start(_start_path(config, part), config.action_space.name, observation_of(config, part))

@@ -19,9 +19,10 @@ from pipelines.workflow.tracking import Run, flatten
 if TYPE_CHECKING:
     from pipelines.config import ExpertIterationConfig, TrainILConfig, TrainRLConfig
     from visualrhp.demonstrations.dataset import DemonstrationSet
+    from visualrhp.heuristics.networks import ActorCritic, QNetwork
     from visualrhp.observation import Observation
     from visualrhp.scene import SceneDistribution
-    from visualrhp.types import Metrics
+    from visualrhp.types import ActionSpaceName, Metrics
 
     AnyConfig = TrainILConfig | TrainRLConfig | ExpertIterationConfig
 
@@ -78,6 +79,24 @@ def demonstrations_of(demonstrations: DemonstrationSet, part: Part) -> Iterator[
     for task, episode in demonstrations:
         if fewest <= task.scene.num_objects <= most:
             yield task, episode
+
+
+def load_start(path: Path, action_space: ActionSpaceName, expected: Observation) -> QNetwork | ActorCritic:
+    """Load the initial network of a training.
+
+    Raises:
+        CheckpointError: it is missing or damaged, or has another action space or observation.
+    """
+    from visualrhp.errors import CheckpointError
+    from visualrhp.heuristics.conversion import load_network
+
+    network, _ = load_network(path, action_space)
+    if network.observation != expected:
+        raise CheckpointError(
+            f"{path} reads {network.observation}, but observation={expected.name} needs {expected}; set "
+            "heuristic=<folder> to a folder with networks for them"
+        )
+    return network
 
 
 def greedy_evaluation(config: AnyConfig, part: Part) -> Callable[[Any], Metrics] | None:

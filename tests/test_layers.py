@@ -21,6 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("observation",),
     ("rendering",),
     ("heuristics",),
+    ("pretrained",),
     ("planning",),
     ("execution",),
     ("environments",),

@@ -42,11 +42,19 @@ class ObservationConfig:
 
 @parameters
 class LearnedHeuristicConfig:
-    """A trained network; ``temperature`` is that of the softmax of Eq. 2 (discrete action space)."""
+    """A trained network.
+
+    Attributes:
+        observation: that the network reads.
+        temperature: of the softmax of Eq. 2 (discrete action space).
+        folder: with the trained networks, ``<action space>/<observation>/heuristic*.safetensors``; ``pretrained`` or
+            ``pretrained_paper`` for the released ones. The key ``heuristics`` of a stage takes precedence.
+    """
 
     kind: Literal["learned"]
     observation: str
     temperature: Positive
+    folder: str
 
 
 @parameters(kw_only=True)

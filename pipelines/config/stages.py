@@ -163,7 +163,8 @@ class EvaluateConfig(PipelineConfig):
     Attributes:
         noise_level: of shapes, friction and density in the world (Sec. 8.2).
         num_episodes: number of task instances, the same for every planner.
-        heuristics: folder with the trained networks, ``<action space>/<observation>/heuristic*.safetensors``.
+        heuristics: folder with the networks of all planners (see :class:`LearnedHeuristicConfig`); null for those of
+            the planner.
         suite: blocks of settings by name: a key of the configuration -> its values; every combination of a block is
             evaluated. Null for the single setting of the other keys.
     """
@@ -173,7 +174,7 @@ class EvaluateConfig(PipelineConfig):
     planner: PlannerConfig
     noise_level: NoiseLevel
     num_episodes: Count
-    heuristics: str
+    heuristics: str | None
     suite: dict[str, dict[str, Any]] | None
 
 
@@ -218,14 +219,14 @@ class ReportConfig(PipelineConfig):
     Attributes:
         title: of the page.
         evaluation: folder made by ``evaluate``.
-        heuristics: folder with the trained networks, for the videos.
+        heuristics: as in evaluate, for the videos.
         training: folders with the training curves to show, made by ``train_il`` and ``train_rl``; others are
             ignored.
     """
 
     title: str
     evaluation: str
-    heuristics: str
+    heuristics: str | None
     training: tuple[str, ...]
     sweeps: SweepsConfig
     videos: VideosConfig
@@ -261,7 +262,8 @@ class PlayConfig(PipelineConfig):
         index: of the task instance; the same as in an evaluation with the same seed and scene.
         scene_file: a scene to play instead of a sampled one (``scene`` is ignored then); null to sample.
         noise_level: of shapes, friction and density in the world (Sec. 8.2).
-        heuristics: folder with the trained networks, ``<action space>/<observation>/heuristic*.safetensors``.
+        heuristics: folder with the networks of all planners (see :class:`LearnedHeuristicConfig`); null for those of
+            the planner.
         live: whether to show the episode in a window; ``auto``: if there is a screen.
     """
 
@@ -271,7 +273,7 @@ class PlayConfig(PipelineConfig):
     index: Index
     scene_file: str | None
     noise_level: NoiseLevel
-    heuristics: str
+    heuristics: str | None
     video: PlayVideoConfig
     live: Literal["auto", True, False]
 

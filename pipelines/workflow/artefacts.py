@@ -113,13 +113,19 @@ def dvc_stage() -> str | None:
 
 
 def _without_locations(config: PipelineConfig) -> dict[str, Any]:
-    content = result_config(config)
     outputs = config.paths.outputs
-    return {
-        key: value
-        for key, value in content.items()
-        if not (isinstance(value, str) and (value == outputs or value.startswith(f"{outputs}/")))
-    }
+
+    def is_location(value: Any) -> bool:
+        return isinstance(value, str) and (value == outputs or value.startswith(f"{outputs}/"))
+
+    def without(content: dict[str, Any]) -> dict[str, Any]:
+        return {
+            key: without(value) if isinstance(value, dict) else value
+            for key, value in content.items()
+            if not is_location(value)
+        }
+
+    return without(result_config(config))
 
 
 def _git(*arguments: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from visualrhp.learning.history import imitation_summary, reinforcement_summary
+from visualrhp.learning.history import expert_iteration_summary, imitation_summary, reinforcement_summary
 
 
 def test_the_summary_leaves_times_out() -> None:
@@ -24,4 +24,18 @@ def test_summary_names_the_initial_the_best_and_the_last() -> None:
         "initial": {"success_rate": 0.5},
         "best": {"success_rate": 0.7},
         "last": {"success_rate": 0.6},
+    }
+
+
+def test_expert_iteration_shows_the_initial_the_best_and_the_last() -> None:
+    history = [
+        {"round": 0.0, "validation/score": 0.5, "greedy/success_rate": 0.25},
+        {"round": 1.0, "validation/score": 0.75, "greedy/success_rate": 0.5, "imitation/pairs": 4.0},
+    ]
+    assert expert_iteration_summary(history, 1) == {
+        "rounds": 1,
+        "best_round": 1,
+        "initial": {"validation": {"score": 0.5}, "greedy": {"success_rate": 0.25}},
+        "best": {"validation": {"score": 0.75}, "greedy": {"success_rate": 0.5}},
+        "last": {"validation": {"score": 0.75}, "greedy": {"success_rate": 0.5}},
     }

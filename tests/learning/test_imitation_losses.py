@@ -121,3 +121,32 @@ def test_no_gradient_flows_into_the_targets() -> None:
     q = torch.full((1, 8), -9.0, requires_grad=True)
     targets = q_targets(q, torch.tensor([0]), torch.tensor([-6.0]), torch.tensor([2.0]))
     assert not targets.requires_grad
+
+
+def test_a_masked_q_loss_learns_the_value_of_failures_and_nothing_of_their_other_actions() -> None:
+    q = torch.tensor([[-5.0, -7.0] + [-99.0] * 6] * 3, requires_grad=True)
+    action, returns, margin = torch.zeros(3, dtype=torch.int64), torch.full((3,), -6.0), torch.full((3,), 2.0)
+    is_target, is_valued = torch.tensor([True, False, True]), torch.tensor([True, True, False])
+    loss, terms = q_imitation_loss(q, action, returns, margin, is_target, is_valued)
+    assert loss.item() == pytest.approx((2.0 + 1.0 + 1.0) / 3)
+    assert terms["selected"].item() == pytest.approx(2.0 / 3)
+    loss.backward()
+    torch.testing.assert_close(q.grad[:, :2] * 3, torch.tensor([[2.0, 2.0], [2.0, 0.0], [0.0, 2.0]]))
+
+
+def test_masks_of_the_actor_critic_loss_select_the_pairs_of_policy_and_value() -> None:
+    torch.manual_seed(0)
+    outputs = torch.rand(4, 4), torch.rand(4, 4) + 0.1, torch.rand(4)
+    action, returns = torch.rand(4, 4), torch.rand(4)
+    policy, value = torch.tensor([True, False, True, False]), torch.tensor([True, True, False, False])
+
+    def terms_of(rows: torch.Tensor) -> dict[str, torch.Tensor]:
+        chosen = tuple(output[rows] for output in outputs)
+        return actor_critic_imitation_loss(chosen, action[rows], returns[rows], 1.0, 1.0, 0.0)[1]
+
+    _, masked = actor_critic_imitation_loss(outputs, action, returns, 1.0, 1.0, 0.0, 1.0, policy, value)
+    torch.testing.assert_close(masked["log_likelihood"], terms_of(policy)["log_likelihood"])
+    torch.testing.assert_close(masked["value_error"], terms_of(value)["value_error"])
+    nothing = torch.zeros(4, dtype=torch.bool)
+    loss, _ = actor_critic_imitation_loss(outputs, action, returns, 1.0, 1.0, 0.0, 1.0, nothing, nothing)
+    assert loss.item() == 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,12 +27,3 @@ def untrained_heuristics(tmp_path_factory: pytest.TempPathFactory) -> Path:
             cartesian = make_network("continuous", make_observation("cartesian", m))
             save_heuristic(folder / "continuous" / "cartesian" / f"heuristic_m{m}.safetensors", cartesian)
     return folder
-
-
-@pytest.fixture(autouse=True)
-def forget_networks() -> Iterator[None]:
-    """Networks of one test are not loaded in another one."""
-    yield
-    from pipelines import planners
-
-    planners.load_once.cache_clear()

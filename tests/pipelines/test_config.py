@@ -15,6 +15,7 @@ from pipelines.config import (
     C3POLearnerConfig,
     DQNLearnerConfig,
     EvaluateConfig,
+    ExpertIterationConfig,
     ExportDemosConfig,
     GenerateDemosConfig,
     KinodynamicRRTConfig,
@@ -34,6 +35,7 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "generate_demos": GenerateDemosConfig,
     "train_il": TrainILConfig,
     "train_rl": TrainRLConfig,
+    "expert_iteration": ExpertIterationConfig,
     "evaluate": EvaluateConfig,
     "report": ReportConfig,
     "play": PlayConfig,
@@ -74,6 +76,7 @@ def test_every_file_of_every_group_composes() -> None:
         assert compose("report", ReportConfig, [f"tracking={tracking}"]).tracking.name == tracking
     for learner in options("learner"):
         pipeline = "train_il" if learner.startswith("imitation") else "train_rl"
+        pipeline = "expert_iteration" if learner == "expert_iteration" else pipeline
         space = "discrete" if learner in ("imitation_discrete", "reinforcement_discrete", "dqn") else "continuous"
         compose(pipeline, SCHEMAS[pipeline], [f"learner={learner}", f"action_space={space}"])
 

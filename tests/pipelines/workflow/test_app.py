@@ -17,7 +17,7 @@ from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
 from pipelines.workflow.app import app, command_line_overrides, compose, override_keys
 from visualrhp.errors import ConfigError, DataError
 
-STAGES = ("generate_demos", "train_il", "train_rl", "evaluate", "report")
+STAGES = ("generate_demos", "train_il", "train_rl", "expert_iteration", "evaluate", "report")
 PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos")
 Run = Callable[..., tuple[int, str]]
 
@@ -82,6 +82,9 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("generate_demos", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
         ("train_il", ["scale=smoke"], "outputs/generate_demos/continuous"),
         ("train_rl", ["scale=smoke"], "outputs/train_il/continuous/image/heuristic.safetensors"),
+        ("expert_iteration", ["scale=smoke"], "outputs/train_rl/continuous/image/heuristic.safetensors"),
+        ("expert_iteration", ["learner.rounds=0"], "learner.rounds=0 is out of range"),
+        ("expert_iteration", ["planner=greedy"], "planner"),
         ("evaluate", ["scale=smoke"], "outputs/train_rl/continuous/image/heuristic.safetensors"),
         ("report", ["scale=smoke"], "outputs/evaluate"),
         ("play", ["live=maybe"], "live=maybe is not known: it should be auto, true or false."),
@@ -94,7 +97,8 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("play", ["index=-1"], "index=-1 is out of range"),
         ("play", ["planner.num_rollouts=0"], "planner.num_rollouts=0 is out of range"),
         ("play", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
-        ("play", [], "outputs/train_rl/continuous/image/heuristic.safetensors does not exist. Train it with"),
+        ("evaluate", ["planner=visual_rhp_plus"], "outputs/expert_iteration/continuous/image/heuristic.safetensors"),
+        ("play", ["heuristics=outputs/train_il"], "outputs/train_il/continuous/image/heuristic.safetensors does not"),
         ("play", ["planner=cartesian_rhp", "scene.num_objects=3"], "heuristic_m3.safetensors does not exist"),
         ("tune_crafted", ["planner=greedy"], "has no handcrafted heuristic, whose weights are searched"),
         ("tune_crafted", ["action_space=discrete"], "action_space has no effect here"),
