@@ -5,6 +5,7 @@ One setting or a suite of settings, on task instances that are not used in train
 - ``episodes.parquet``: one row per episode (columns: :data:`visualrhp.evaluation.episodes.EPISODE_COLUMNS`);
 - ``metrics.json``: the three metrics with their 90% intervals, by action space and method, for ``dvc metrics``;
 - ``summary.csv``, ``by_num_objects.csv``, ``by_size.csv``, ``by_noise.csv``: the same by setting, for ``dvc plots``;
+- ``paired.csv``: methods compared with those that search, on the same task instances;
 - ``evaluation.json``: the card: evaluated and skipped settings, and the networks.
 """
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from safetensors.numpy import load_file
 
-TIMES = ("decision_time_s", "mean_decision_time_s", "simulation_time_s", "execution_time_s")
+TIMES = ("decision_time_s", "mean_decision_time_s", "max_decision_time_s", "simulation_time_s", "execution_time_s")
 
 
 def demonstrations(before: Path, after: Path) -> Iterator[tuple[str, bool]]:

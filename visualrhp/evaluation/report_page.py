@@ -13,8 +13,9 @@ import pandas as pd
 
 from visualrhp.evaluation.methods import ACTION_SPACES, order_methods, with_labels
 from visualrhp.evaluation.metrics import CONFIDENCE, summarize
+from visualrhp.evaluation.paired import paired_table
 from visualrhp.evaluation.report_figures import NamedFigure
-from visualrhp.evaluation.report_tables import decision_time, detail_tables, main_table, number
+from visualrhp.evaluation.report_tables import decision_time, detail_tables, main_table, number, paired_rows
 from visualrhp.evaluation.report_videos import Attempt, SceneVideos
 from visualrhp.evaluation.styles import method_style, to_svg
 from visualrhp.evaluation.summaries import duration, main_rows, percent
@@ -26,6 +27,11 @@ _OWN_METHODS: Final = ("VisualRHP+ 3x3", "VisualRHP 3x3")
 
 _BASELINES: Final = ("VisualRHP 3x3", "Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
 """The methods that the headline compares it with."""
+
+_SEARCH: Final = "K.RRT closed loop"
+"""The method that plans without learning, with which the lead compares the headline's method."""
+
+_SIGNIFICANCE: Final = 0.05
 
 _PIXELS_PER_INCH: Final = 104
 """Natural scale of a figure on the page: its text is about as large as the page's notes."""
@@ -113,6 +119,8 @@ def render(content: Content) -> str:
             "until completion, averaged over completed tasks (Sec. 7.3)."
         ),
         main_table=main_table(content.episodes),
+        paired=paired_rows(content.episodes),
+        confidence=f"{CONFIDENCE:.0%}",
         warnings=content.warnings,
         sections=sections,
         training=training,
@@ -156,7 +164,7 @@ def _description(rows: pd.DataFrame) -> str:
 
 
 def _lead(main: pd.DataFrame) -> str:
-    """One sentence about the result of the headline's method, and of those that it is compared with."""
+    """The result of the headline's method, compared with searching again if that was evaluated, and with others."""
     labelled = with_labels(main)
     space = next(space for space in ACTION_SPACES if space in set(labelled["action_space"]))
     rows = labelled.loc[labelled["action_space"] == space]
@@ -168,7 +176,25 @@ def _lead(main: pd.DataFrame) -> str:
         f"with {space} actions"
     )
     others = [f"{name} {percent(rates[name]['success_rate'])}" for name in _BASELINES if name in rates and name != own]
-    return f"{sentence}; {', '.join(others)}." if others else f"{sentence}."
+    sentence = f"{sentence}; {', '.join(others)}." if others else f"{sentence}."
+    paired = paired_table(rows, (_SEARCH,))
+    compared = paired.loc[paired["method"] == own].to_dict("records")
+    return f"{_finding(compared[0])} {sentence}" if compared else sentence
+
+
+def _finding(row: Mapping[Any, Any]) -> str:
+    """What a paired comparison says about learning and searching, in words; differences count below p = 0.05."""
+
+    def word(difference: float, p: float, more: str, less: str, equal: str) -> str:
+        return equal if not p < _SIGNIFICANCE else more if difference > 0 else less
+
+    success = word(row["success_difference"], row["success_p"], "more", "fewer", "as many")
+    actions = word(row["actions_difference"], row["actions_p"], "longer", "shorter", "equally long")
+    return (
+        f"A learned policy that looks a few actions ahead ({row['method']}) completes {success} tasks "
+        f"{'as' if success == 'as many' else 'than'} searching for a plan again ({row['reference']}), with {actions} "
+        f"plans ({abs(row['actions_difference']):.1f} actions of difference)."
+    )
 
 
 def _own_method(methods: Sequence[str]) -> str:

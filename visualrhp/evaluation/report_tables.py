@@ -10,6 +10,7 @@ import pandas as pd
 
 from visualrhp.evaluation.methods import ACTION_SPACES, NOISE_ORDER, SIZES, order_methods, with_labels
 from visualrhp.evaluation.metrics import summarize
+from visualrhp.evaluation.paired import paired_table
 from visualrhp.evaluation.styles import method_style
 from visualrhp.evaluation.summaries import duration, main_rows, mixed_sizes, percent, without_noise
 
@@ -96,6 +97,39 @@ def results_table(episodes: pd.DataFrame, by: Mapping[str, str], title: str, cap
         )
         previous = group
     return {"title": title, "caption": caption, "headings": list(by.values()), "rows": rows}
+
+
+def paired_rows(episodes: pd.DataFrame) -> list[dict[str, str]]:
+    """The comparisons of :func:`visualrhp.evaluation.paired.paired_table` with closed-loop searches, formatted.
+
+    Objects of mixed size only.
+    """
+
+    def signed(value: float, digits: int) -> str:
+        return "–" if pd.isna(value) else f"{value:+.{digits}f}".replace("-", "−")
+
+    def p_value(value: float) -> str:
+        return "< 0.001" if value < 1e-3 else f"{value:.3f}"
+
+    def between(row: Mapping[Any, Any], name: str, scale: float) -> str:
+        return " to ".join(signed(scale * row[f"{name}_difference_{end}"], 1) for end in ("low", "high"))
+
+    table = paired_table(mixed_sizes(episodes), ("K.RRT closed loop", "dhRRT"))
+    return [
+        {
+            **{name: str(row[name]) for name in ("method", "reference", "action_space", "noise_level", "tasks")},
+            "num_objects": str(row["scene_num_objects"]).replace("-", " to "),
+            "success": f"{signed(100 * row['success_difference'], 1)}%",
+            "success_range": between(row, "success", 100.0),
+            "success_p": p_value(row["success_p"]),
+            "actions": signed(row["actions_difference"], 1),
+            "actions_range": between(row, "actions", 1.0),
+            "actions_p": p_value(row["actions_p"]),
+            "slowest": duration(row["slowest_decision_s"]),
+            "reference_slowest": duration(row["reference_slowest_decision_s"]),
+        }
+        for row in table.to_dict("records")
+    ]
 
 
 def decision_time(episodes: pd.DataFrame) -> float:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from visualrhp.evaluation.methods import ACTION_SPACES, order_methods, with_labels
 from visualrhp.evaluation.metrics import evaluation_metrics, summarize
+from visualrhp.evaluation.paired import paired_table
 from visualrhp.types import Metrics
 
 
@@ -41,7 +42,8 @@ def main_rows(episodes: pd.DataFrame) -> pd.DataFrame:
 def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Tables of metrics by name; the column ``label`` ("VisualRHP 3x3, continuous") identifies a line of a plot.
 
-    They are ``summary`` (:func:`main_rows`), ``by_num_objects``, ``by_size`` and ``by_noise``.
+    They are ``summary`` (:func:`main_rows`), ``by_num_objects``, ``by_size``, ``by_noise``, and ``paired``, comparisons
+    with methods that search (:func:`visualrhp.evaluation.paired.paired_table`), if any was evaluated.
     """
 
     def by(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
@@ -49,11 +51,13 @@ def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
         labelled = labelled.assign(label=labelled["method"] + ", " + labelled["action_space"])
         return summarize(labelled, ["label", *keys])
 
+    paired = paired_table(episodes)
     return {
         "summary": by(main_rows(episodes)),
         "by_num_objects": by(mixed_sizes(without_noise(episodes)), "num_objects"),
         "by_size": by(without_noise(episodes), "object_size", "scene_num_objects"),
         "by_noise": by(mixed_sizes(episodes), "noise_level", "num_objects"),
+        **({"paired": paired} if len(paired) else {}),
     }
 
 
