@@ -85,7 +85,7 @@ def iteration(start: Path, folder: Path, script: Scripted) -> ExpertIteration:
     return ExpertIteration(start, folder, CONFIG, 5, script.collect, script.validate)
 
 
-def test_a_network_is_kept_if_the_planner_scores_higher_with_it(start: Path, tmp_path: Path) -> None:
+def test_the_best_network_is_kept_and_rounds_go_on_from_the_latest(start: Path, tmp_path: Path) -> None:
     script = Scripted(ACTIONS)
     learner = iteration(start, tmp_path / "work", script)
     rows = list(learner.run())
@@ -93,7 +93,9 @@ def test_a_network_is_kept_if_the_planner_scores_higher_with_it(start: Path, tmp
     assert [row["validation/kept"] for row in rows] == [1.0, 1.0, 0.0, 1.0]
     assert learner.best_round == 3 and learner.best_score == pytest.approx(1.0 - 0.5 * 7 / 49)
     guides = dict.fromkeys((name, most) for name, most, _ in script.collected)
-    assert list(guides) == [("start", 2), ("round_001", 4), ("round_001", 6)], "the kept network guides the next round"
+    assert list(guides) == [("start", 2), ("round_001", 4), ("round_002", 6)], (
+        "the latest network guides the next round"
+    )
     assert sorted(block.start for _, _, block in script.collected) == [0, 25, 50, 60, 85, 110, 120, 145, 170]
     assert [row["imitation/pairs"] for row in rows[1:]] == [120.0, 240.0, 240.0], "of the last two rounds"
 

@@ -43,9 +43,10 @@ Validate = Callable[[Path], Arrays]
 class ExpertIteration:
     """Rounds of collecting episodes of the planner, imitating them, and validation.
 
-    In each round, the planner solves new task instances, whose number of objects grows from round to round; a copy of
-    the kept network learns from the episodes of the last rounds; and it is kept if the planner scores higher with it on
-    the validation instances.
+    In each round, the planner solves new task instances with the latest network, the number of objects growing from
+    round to round; a copy of that network learns from the episodes of the last rounds; and it is kept as the best one if
+    the planner scores higher with it on the validation instances. The next round goes on from the latest network, kept
+    or not: a round improves less than validation on a few hundred instances can tell (docs/planning.md).
 
     Everything is in ``folder``: finished blocks, the networks of all rounds, the state of the imitation after each
     epoch, and the history. A new object with the same arguments resumes there; a kill loses at most the blocks that are
@@ -109,12 +110,12 @@ class ExpertIteration:
 
     @property
     def best_round(self) -> int:
-        """The round whose network is kept; 0 for the initial one."""
+        """The round with the best network; 0 for the initial one."""
         return max(int(row["round"]) for row in self.history if row["validation/kept"])
 
     @property
     def best_score(self) -> float:
-        """Validation score of the network that is kept."""
+        """Validation score of the best network."""
         return self.history[self.best_round]["validation/score"]
 
     def network_file(self, round_: int) -> Path:
@@ -142,16 +143,16 @@ class ExpertIteration:
         folder.mkdir(exist_ok=True)
         missing = [block for block in blocks if not self._block_file(round_, block).is_file()]
         max_objects = self.config.max_objects_in(round_)
-        for block, arrays in self._collect(self.network_file(self.best_round), max_objects, missing):
+        for block, arrays in self._collect(self.network_file(round_ - 1), max_objects, missing):
             write_block(self._block_file(round_, block), arrays)
         metrics = _collected([read_block(self._block_file(round_, block)) for block in blocks])
         return {"collection/max_objects": float(max_objects), **metrics, **self._imitate(round_)}
 
     def _imitate(self, round_: int) -> Metrics:
-        """Train a copy of the kept network on the episodes of the last rounds, and write it."""
+        """Train a copy of the latest network on the episodes of the last rounds, and write it."""
         rounds = range(max(1, round_ - self.config.replay_rounds + 1), round_ + 1)
         files = [self._block_file(past, block) for past in rounds for block in self._blocks(past)]
-        network, _ = load_network(self.network_file(self.best_round))
+        network, _ = load_network(self.network_file(round_ - 1))
         network.to(self._device)
         data = data_of_blocks((read_block(file) for file in files), network.observation)
         learner = ImitationLearner(network, data, self.config.imitation, search_seed(self._seed, round_))
