@@ -21,6 +21,7 @@ def table(planner: str, successes: list[bool], actions: list[int], **changes: An
         "action_space": "continuous",
         "scene_num_objects": "4",
         "object_size": "mixed",
+        "layout": "uniform",
         "noise_level": "none",
         "seed": 0,
         "episode": range(count),

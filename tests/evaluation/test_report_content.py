@@ -20,6 +20,7 @@ def test_every_setting_has_its_success_rate() -> None:
     assert points[0] == {
         "action_space": "continuous",
         "object_size": "mixed",
+        "layout": "uniform",
         "noise_level": "none",
         "method": "VisualRHP 3x3",
         "num_objects": "1 to 7",

@@ -10,7 +10,7 @@ import shapely
 
 from visualrhp.errors import ConfigError
 from visualrhp.scene import Graspability, SceneDistribution, check_start, geometry, graspability, sample_task_instance
-from visualrhp.scene.sampling import SIZE_CLASSES, sampled_num_objects
+from visualrhp.scene.sampling import CORNER_DISTANCE, EDGE_DISTANCE, SIZE_CLASSES, sampled_num_objects
 from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import ObjectSize
 
@@ -127,3 +127,28 @@ def test_the_number_of_objects_is_known_without_the_instance() -> None:
     for index in range(5):
         instance = sample_task_instance(distribution, 3, Split.TUNING, index)
         assert sampled_num_objects(distribution, 3, Split.TUNING, index) == instance.scene.num_objects
+
+
+@pytest.mark.parametrize("layout", ["target_at_edge", "object_in_corner", "object_behind"])
+def test_hard_layouts_are_what_they_say(layout: Any) -> None:
+    distribution = SceneDistribution(num_objects=6, layout=layout)
+    for index in range(12):
+        instance = sample_task_instance(distribution, 2, Split.TUNING, index)
+        scene, state = instance.scene, instance.state
+        check_start(scene, state)
+        if layout == "target_at_edge":
+            assert (0.25 - np.abs(scene.target.position)).min() <= EDGE_DISTANCE
+        elif layout == "object_in_corner":
+            assert np.linalg.norm(scene.edges - state.desired_position, axis=1).min() <= CORNER_DISTANCE
+        else:
+            line = shapely.LineString([state.gripper_position, state.desired_position])
+            outlines = [
+                geometry.to_world(shape.outline, pose)
+                for shape, pose in zip(scene.objects[1:], state.object_poses[1:], strict=True)
+            ]
+            assert any(line.intersects(shapely.Polygon(outline)) for outline in outlines)
+
+
+def test_a_hidden_object_needs_an_obstacle() -> None:
+    with pytest.raises(ConfigError, match="layout=object_behind needs an obstacle"):
+        SceneDistribution(num_objects=(1, 3), layout="object_behind")

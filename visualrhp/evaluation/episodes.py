@@ -45,6 +45,7 @@ SETTING_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
     "horizon": EpisodeColumn("optional integer", "h of receding horizon planning"),
     "scene_num_objects": EpisodeColumn("text", "m that was requested: '4', or '1-7' where it is drawn at random"),
     "object_size": EpisodeColumn("text", "'small', 'mixed' or 'large'"),
+    "layout": EpisodeColumn("text", "layout of the scenes (visualrhp.scene.sampling.Layout)"),
     "noise_level": EpisodeColumn("text", "'none', 'low', 'medium' or 'high' (Sec. 8.2)"),
     "seed": EpisodeColumn("integer", "seed of the task instances"),
 }
@@ -86,6 +87,7 @@ class Setting:
     horizon: int | None
     scene_num_objects: str
     object_size: str
+    layout: str
     noise_level: NoiseLevel
     seed: int
 
@@ -107,6 +109,7 @@ class Setting:
             action_space=action_space,
             scene_num_objects=str(low) if low == high else f"{low}-{high}",
             object_size=distribution.object_size,
+            layout=distribution.layout,
             noise_level=noise_level,
             seed=seed,
         )

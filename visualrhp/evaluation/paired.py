@@ -17,7 +17,7 @@ from visualrhp.evaluation.metrics import CONFIDENCE, mean_interval
 SEARCHES: Final = ("K.RRT closed loop", "dhRRT", "K.RRT")
 """Methods that search for a plan: the references of :func:`paired_table`."""
 
-CONDITION: Final = ("action_space", "scene_num_objects", "object_size", "noise_level")
+CONDITION: Final = ("action_space", "scene_num_objects", "object_size", "layout", "noise_level")
 """Columns that together name a condition, under which methods are compared."""
 
 _INSTANCE: Final = ("seed", "episode")

@@ -88,7 +88,7 @@ def _points(episodes: pd.DataFrame, points: Sequence[Mapping[str, Any]]) -> list
         successes = outcomes.get(tuple(_cell(point[name]) for name in _KEYS), [])
         described.append(
             {
-                **{name: point[name] for name in ("action_space", "object_size", "noise_level")},
+                **{name: point[name] for name in ("action_space", "object_size", "layout", "noise_level")},
                 "method": _label(point),
                 "num_objects": point["scene_num_objects"].replace("-", " to "),
                 "episodes": point["num_episodes"],

@@ -17,8 +17,8 @@ from visualrhp.types import Metrics
 
 # ------------------------------------------------------------------------------------------------------ choice of rows
 def mixed_sizes(episodes: pd.DataFrame) -> pd.DataFrame:
-    """The episodes with objects of mixed size."""
-    return episodes.loc[episodes["object_size"] == "mixed"]
+    """The episodes with objects of mixed size, in scenes of uniform layout."""
+    return episodes.loc[(episodes["object_size"] == "mixed") & (episodes["layout"] == "uniform")]
 
 
 def without_noise(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return {
         "summary": by(main_rows(episodes)),
         "by_num_objects": by(mixed_sizes(without_noise(episodes)), "num_objects"),
-        "by_size": by(without_noise(episodes), "object_size", "scene_num_objects"),
+        "by_size": by(without_noise(episodes), "object_size", "layout", "scene_num_objects"),
         "by_noise": by(mixed_sizes(episodes), "noise_level", "num_objects"),
         **({"paired": paired} if len(paired) else {}),
     }

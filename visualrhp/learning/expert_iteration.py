@@ -44,9 +44,9 @@ class ExpertIteration:
     """Rounds of collecting episodes of the planner, imitating them, and validation.
 
     In each round, the planner solves new task instances with the latest network, the number of objects growing from
-    round to round; a copy of that network learns from the episodes of the last rounds; and it is kept as the best one if
-    the planner scores higher with it on the validation instances. The next round goes on from the latest network, kept
-    or not: a round improves less than validation on a few hundred instances can tell (docs/planning.md).
+    round to round; a copy of that network learns from the episodes of the last rounds; and it is kept as the best one
+    if the planner scores higher with it on the validation instances. The next round starts from the latest network,
+    kept or not: a round improves less than validation on a few hundred instances can tell (docs/planning.md).
 
     Everything is in ``folder``: finished blocks, the networks of all rounds, the state of the imitation after each
     epoch, and the history. A new object with the same arguments resumes there; a kill loses at most the blocks that are

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import shapely
@@ -21,6 +21,17 @@ MAX_OBJECTS = 20
 
 NumObjects = Annotated[int, Field(ge=1, le=MAX_OBJECTS)]
 NumVertices = Annotated[int, Field(ge=3)]
+
+Layout = Literal["uniform", "target_at_edge", "object_in_corner", "object_behind"]
+"""Where the target region and the desired object are; all but ``uniform`` are hard and not in the paper:
+
+- ``target_at_edge``: the target's centre is at most :data:`EDGE_DISTANCE` from an edge;
+- ``object_in_corner``: the desired object's centre is at most :data:`CORNER_DISTANCE` from a corner;
+- ``object_behind``: an obstacle is between the gripper and the desired object.
+"""
+
+EDGE_DISTANCE = 0.03
+CORNER_DISTANCE = 0.09
 
 _ATTEMPTS_PER_OBJECT = 100
 _ATTEMPTS_PER_SCENE = 500
@@ -72,6 +83,7 @@ class SceneDistribution:
         clearance: least distance between bodies, and of objects to the edges, at the start.
         start_distance: range of the distance of the gripper frame's origin from its edge at the start.
         start_angle: largest deviation of the gripper's heading from the inward normal of its edge [rad].
+        layout: see :data:`Layout`.
 
     Raises:
         ConfigError: a parameter is out of range.
@@ -87,12 +99,15 @@ class SceneDistribution:
     clearance: NonNegative = 0.005
     start_distance: Annotated[tuple[float, float], AsTuple] = (0.01, 0.05)
     start_angle: NonNegative = np.pi / 6
+    layout: Layout = "uniform"
 
     def __post_init__(self) -> None:
         for name in ("num_objects", "num_vertices", "start_distance"):
             low, high = getattr(self, name)
             if low > high:
                 raise ValueError(f"{name}=[{low}, {high}]: the smaller bound comes first.")
+        if self.layout == "object_behind" and self.num_objects[0] < 2:
+            raise ValueError(f"layout=object_behind needs an obstacle: num_objects={list(self.num_objects)}.")
 
 
 def sample_task_instance(distribution: SceneDistribution, seed: int, split: Split, index: int) -> TaskInstance:
@@ -109,12 +124,12 @@ def sample_task_instance(distribution: SceneDistribution, seed: int, split: Spli
     edges = square_edges(distribution.surface_side)
     gripper = Gripper()
     for _ in range(_ATTEMPTS_PER_SCENE):
-        target = TargetRegion(_sample_position(edges, rng), distribution.target_radius)
+        target = TargetRegion(_sample_target(distribution.layout, edges, rng), distribution.target_radius)
         objects = tuple(_sample_shape(distribution, rng) for _ in range(num_objects))
         gripper_pose = _sample_gripper_pose(distribution, edges, rng)
         obstacles = [shapely.Polygon(outline) for outline in gripper.outlines(gripper_pose, gripper.stroke)]
-        poses = _place_objects(objects, edges, target, obstacles, distribution.clearance, rng)
-        if poses is not None:
+        poses = _place_objects(distribution, objects, edges, target, obstacles, rng)
+        if poses is not None and (distribution.layout != "object_behind" or _is_behind(objects, poses, gripper_pose)):
             state = State.create(gripper_pose, gripper.stroke, False, poses)
             return TaskInstance(Scene(target, objects, edges, gripper), state)
     raise ConfigError(
@@ -140,6 +155,22 @@ def _sample_position(edges: FloatArray, rng: np.random.Generator) -> FloatArray:
         position = rng.uniform(edges.min(axis=0), edges.max(axis=0))
         if geometry.contains(edges, *position):
             return position
+
+
+def _sample_target(layout: Layout, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """[2] centre of the target region."""
+    border = shapely.LinearRing(edges)
+    while True:
+        position = _sample_position(edges, rng)
+        if layout != "target_at_edge" or border.distance(shapely.Point(position)) <= EDGE_DISTANCE:
+            return position
+
+
+def _is_behind(objects: tuple[ObjectShape, ...], poses: FloatArray, gripper_pose: FloatArray) -> bool:
+    """Whether an obstacle intersects the segment from the gripper to the desired object."""
+    segment = shapely.LineString([gripper_pose[:2], poses[0, :2]])
+    outlines = [geometry.to_world(shape.outline, pose) for shape, pose in zip(objects[1:], poses[1:], strict=True)]
+    return any(segment.intersects(shapely.Polygon(outline)) for outline in outlines)
 
 
 def _sample_shape(distribution: SceneDistribution, rng: np.random.Generator) -> ObjectShape:
@@ -169,21 +200,22 @@ def _sample_gripper_pose(distribution: SceneDistribution, edges: FloatArray, rng
 
 
 def _place_objects(
+    distribution: SceneDistribution,
     objects: tuple[ObjectShape, ...],
     edges: FloatArray,
     target: TargetRegion,
     obstacles: list[shapely.Polygon],
-    clearance: float,
     rng: np.random.Generator,
 ) -> FloatArray | None:
     """[m, 3] poses by rejection sampling, or None if there was no place for an object."""
+    clearance = distribution.clearance
     surface = shapely.Polygon(edges).buffer(-clearance)
     occupied = list(obstacles)
     poses = []
     for number, shape in enumerate(objects):
         for _ in range(_ATTEMPTS_PER_OBJECT):
             pose = np.array([*_sample_position(edges, rng), rng.uniform(-np.pi, np.pi)])
-            if number == 0 and np.hypot(*(pose[:2] - target.position)) <= target.radius:
+            if number == 0 and not _may_start(distribution.layout, pose[:2], edges, target):
                 continue
             outline = shapely.Polygon(geometry.to_world(shape.outline, pose))
             if surface.contains(outline) and (shapely.distance(outline, occupied) >= clearance).all():
@@ -193,3 +225,10 @@ def _place_objects(
         else:
             return None
     return np.array(poses)
+
+
+def _may_start(layout: Layout, position: FloatArray, edges: FloatArray, target: TargetRegion) -> bool:
+    """Whether the desired object may start with its centre at ``position`` [2]."""
+    if np.hypot(*(position - target.position)) <= target.radius:
+        return False
+    return layout != "object_in_corner" or bool(np.linalg.norm(edges - position, axis=1).min() <= CORNER_DISTANCE)
