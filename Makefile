@@ -15,7 +15,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
 
 .DEFAULT_GOAL := help
-.PHONY: help venv install repro test lint format ui bench bench-peers clean
+.PHONY: help venv install demo repro test lint format ui bench bench-peers clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-18s %s\n", $$1, $$2 }'
@@ -23,6 +23,12 @@ help: ## list the targets
 venv: $(VENV)/.created ## create the virtual environment
 
 install: $(INSTALLED) ## install the pinned versions into the virtual environment
+
+demo: $(INSTALLED) ## play three scenes with the released networks (videos in outputs/play)
+	python -m pipelines.play heuristics=pretrained scene.num_objects=6 index=2 live=false
+	python -m pipelines.play heuristics=pretrained scene.num_objects=5 index=3 action_space=discrete live=false
+	python -m pipelines.play heuristics=pretrained scene_file=examples/scenes/push.yaml live=false
+	@echo "The videos, to be opened in a browser: $(CURDIR)/outputs/play"
 
 repro: $(INSTALLED) ## run the whole pipeline: demonstrations, learning, evaluation, report
 	@$(DVC_WITH_OR_WITHOUT_GIT)
