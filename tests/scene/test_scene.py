@@ -76,13 +76,13 @@ def test_instance_needs_a_pose_for_every_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "opening", "message"),
+    ("start", "opening", "message"),
     [([0, 0, np.nan], 0.05, "not finite"), ([0, 0, 0], 0.086, "opening"), ([0, 0, 0], -1e-9, "opening")],
 )
-def test_instance_errors(robot: list[float], opening: float, message: str) -> None:
+def test_instance_errors(start: list[float], opening: float, message: str) -> None:
     scene = Scene(TargetRegion([0.0, 0.0]), (ObjectShape(BOX),))
     with pytest.raises(SceneError, match=message):
-        TaskInstance(scene, State([*robot, opening, 0.0, 0.1, 0.0, 0.0]))
+        TaskInstance(scene, State([*start, opening, 0.0, 0.1, 0.0, 0.0]))
 
 
 def test_arrays_are_read_only() -> None:

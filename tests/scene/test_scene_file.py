@@ -38,7 +38,7 @@ SCENES = sorted(path for path in EXAMPLES.iterdir() if path.name != "scene.schem
 GOOD = """\
 target:
   position: [0.1, 0.1]
-robot: {pose: [0, -0.2, 1.5]}
+start: {pose: [0, -0.2, 1.5]}
 objects:
   - outline: [[0, 0], [0.04, 0], [0.04, 0.04], [0, 0.04]]
     pose: [0.0, 0.0, 0]
@@ -154,7 +154,7 @@ def test_the_published_schema_is_current() -> None:
 
 
 def test_defaults(tmp_path: Path) -> None:
-    instance = load_text(tmp_path, GOOD.replace("robot: {pose: [0, -0.2, 1.5]}\n", ""))
+    instance = load_text(tmp_path, GOOD.replace("start: {pose: [0, -0.2, 1.5]}\n", ""))
     scene, state = instance.scene, instance.state
     assert scene.gripper == Gripper()
     assert scene.edges.tolist() == [[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]]
@@ -205,8 +205,8 @@ def test_a_pose_is_that_of_the_frame_in_which_the_outline_is_drawn(tmp_path: Pat
             "gripper: {stroke: 0.2}\ntarget:\n",
             "scene:1:19: gripper.stroke: should be less than or equal to 0.1",
         ),
-        ("1.5]}", "1.5], closed: 'no'}", 'scene:3:39: robot.closed: should be a valid boolean, not "no"'),
-        ("1.5]}", "1.5], opening: 0.09}", "scene:3:40: robot.opening: is 0.09 m; it ranges from 0 to the stroke"),
+        ("1.5]}", "1.5], closed: 'no'}", 'scene:3:39: start.closed: should be a valid boolean, not "no"'),
+        ("1.5]}", "1.5], opening: 0.09}", "scene:3:40: start.opening: is 0.09 m; it ranges from 0 to the stroke"),
         (
             "[0.04, 0], [0.04, 0.04], [0, 0.04]",
             "[0, 0.04], [0.04, 0]",
@@ -219,8 +219,8 @@ def test_a_pose_is_that_of_the_frame_in_which_the_outline_is_drawn(tmp_path: Pat
         ("[0.0, 0.0, 0]", "[0.24, 0.0, 0]", "scene:6:11: objects[0].pose: puts the centre of mass of objects[0] at"),
         ("[0.0, 0.0, 0]", "[0.09, 0.0, 0]", "objects[1].pose: objects[0] and objects[1] overlap around (0.1"),
         ("[0, -0.2, 1.5]", "[0.02, 0.05, 1.5]", "objects[0].pose: objects[0] and the palm overlap"),
-        ("robot:", "target: {position: [0, 0]}\nrobot:", "scene:3:1: target: occurs twice; remove one"),
-        ("robot:", "robot", "scene:3:28: is not a YAML file"),
+        ("start:", "target: {position: [0, 0]}\nrobot:", "scene:3:1: target: occurs twice; remove one"),
+        ("start:", "start", "scene:3:28: is not a YAML file"),
         ("[0.1, 0.1]", "!!python/object/apply:os.getcwd []", "scene:2:"),
         ("[0.1, 0.1]", "&a [*a, *a]", "is nested too deeply"),
         ("[0.1, 0.1]", "{? [1] : 2}", "has a key that is not the name of a field"),
@@ -279,7 +279,7 @@ def test_what_could_not_be_loaded_again_is_not_written(tmp_path: Path) -> None:
     scene = Scene(TargetRegion([0.0, 0.0]), (box, box))
     overlapping = State.create((0, -0.2, 0), 0.085, False, [(0.1, 0.1, 0), (0.11, 0.1, 0)])
     unwrapped = State.create((0, -0.2, 7.0), 0.085, False, [(0.1, 0.1, 0), (0.15, 0.1, 0)])
-    for state, message in ((overlapping, "overlap"), (unwrapped, r"robot.pose\[2\]: is 7.0; angles")):
+    for state, message in ((overlapping, "overlap"), (unwrapped, r"start.pose\[2\]: is 7.0; angles")):
         with pytest.raises(SceneError, match=message):
             save_task_instance(tmp_path / "scene.yaml", TaskInstance(scene, state))
     with pytest.raises(SceneError, match="ends with one of"):

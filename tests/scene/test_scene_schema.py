@@ -30,7 +30,7 @@ def test_defaults_are_those_of_the_classes() -> None:
     assert fields.gripper.model_dump() == asdict(Gripper())
     assert (fields.objects[0].density, fields.objects[0].friction) == (ObjectShape.density, ObjectShape.friction)
     assert fields.objects[0].pose == (0.0, 0.0, 0.0)
-    assert (fields.robot.pose, fields.robot.opening, fields.robot.closed) == (None, None, False)
+    assert (fields.start.pose, fields.start.opening, fields.start.closed) == (None, None, False)
 
 
 def test_integers_are_numbers_and_lists_are_points() -> None:
@@ -47,12 +47,12 @@ def test_integers_are_numbers_and_lists_are_points() -> None:
         (content(target={"position": [0.1, 0.1], "radius": 0.0}), ("target", "radius")),
         (content(target={"position": [0.1, 0.1, 0.1]}), ("target", "position")),
         (content(target={"position": [0.1, "0.1"]}), ("target", "position", 1)),
-        (content(robot={"closed": 1}), ("robot", "closed")),
-        (content(robot={"opening": -1e-9}), ("robot", "opening")),
-        (content(robot={"opening": MAX_STROKE + 1e-9}), ("robot", "opening")),
-        (content(robot={"pose": [0.0, 0.0, 6.3]}), ("robot", "pose", 2)),
-        (content(robot={"pose": [0.0, 0.0, -6.3]}), ("robot", "pose", 2)),
-        (content(robot={"pose": [0.0, 0.0, math.nan]}), ("robot", "pose", 2)),
+        (content(start={"closed": 1}), ("start", "closed")),
+        (content(start={"opening": -1e-9}), ("start", "opening")),
+        (content(start={"opening": MAX_STROKE + 1e-9}), ("start", "opening")),
+        (content(start={"pose": [0.0, 0.0, 6.3]}), ("start", "pose", 2)),
+        (content(start={"pose": [0.0, 0.0, -6.3]}), ("start", "pose", 2)),
+        (content(start={"pose": [0.0, 0.0, math.nan]}), ("start", "pose", 2)),
         (content(gripper={"stroke": MAX_STROKE + 1e-9}), ("gripper", "stroke")),
         (content(gripper={"palm_length": 0.0}), ("gripper", "palm_length")),
         (content(edges=[[0, 0], [1, 0]]), ("edges",)),
@@ -74,8 +74,8 @@ def test_a_fault_is_found_where_it_is(given: dict[str, Any], place: tuple[str | 
 
 
 def test_the_limits_themselves_are_allowed() -> None:
-    SceneFields.model_validate(content(robot={"opening": MAX_STROKE, "pose": [100.0, -100.0, 2.0 * math.pi]}))
-    SceneFields.model_validate(content(robot={"opening": 0.0}, gripper={"stroke": MAX_STROKE}))
+    SceneFields.model_validate(content(start={"opening": MAX_STROKE, "pose": [100.0, -100.0, 2.0 * math.pi]}))
+    SceneFields.model_validate(content(start={"opening": 0.0}, gripper={"stroke": MAX_STROKE}))
     SceneFields.model_validate(an_object(density=1e4, friction=10.0))
 
 

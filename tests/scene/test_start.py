@@ -17,8 +17,8 @@ U_SHAPE = ObjectShape.centred(
 SCENE = Scene(TargetRegion([0.0, 0.0]), (BOX, BOX))
 
 
-def state(*poses: tuple[float, float, float], robot: tuple[float, float, float] = (0.0, -0.2, 1.57)) -> State:
-    return State.create(robot, 0.085, False, poses)
+def state(*poses: tuple[float, float, float], start: tuple[float, float, float] = (0.0, -0.2, 1.57)) -> State:
+    return State.create(start, 0.085, False, poses)
 
 
 def faults(scene: Scene, start: State) -> list[str]:
@@ -59,11 +59,11 @@ def test_an_object_may_lie_in_the_notch_of_another() -> None:
         ({8: 0.26}, r"objects\[1\].pose: .*not on the surface"),
         ({8: 0.11}, r"objects\[0\] and objects\[1\] overlap around \(0.105, 0.100\)"),
         ({8: 0.0, 9: -0.24}, r"objects\[1\] and the palm overlap"),
-        ({3: 0.09}, "robot.opening: .*0.085"),
-        ({3: -1e-9}, "robot.opening: "),
-        ({3: np.nan}, "robot.opening: .*nan"),
-        ({4: 0.5}, "robot.closed: is 0.5"),
-        ({0: np.inf}, "robot.pose: .*finite"),
+        ({3: 0.09}, "start.opening: .*0.085"),
+        ({3: -1e-9}, "start.opening: "),
+        ({3: np.nan}, "start.opening: .*nan"),
+        ({4: 0.5}, "start.closed: is 0.5"),
+        ({0: np.inf}, "start.pose: .*finite"),
     ],
 )
 def test_errors_name_the_field(changes: dict[int, float], message: str) -> None:

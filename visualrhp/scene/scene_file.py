@@ -263,7 +263,7 @@ def _fields_of(where: _Path) -> dict[str, str]:
 
     models = {
         "target": scene_schema.TargetFields,
-        "robot": scene_schema.RobotFields,
+        "start": scene_schema.StartFields,
         "gripper": scene_schema.GripperFields,
         "objects": scene_schema.ObjectFields,
     }
@@ -294,13 +294,13 @@ def _task_instance(document: _Document, fields: SceneFields) -> TaskInstance:
         document.refuse([_Fault(("target", "position"), f"{position.tolist()} is not on the surface, within edges")])
     gripper = Gripper(**fields.gripper.model_dump())
     shapes, poses = zip(*(_placed_object(entry) for entry in fields.objects), strict=True)
-    robot = fields.robot
-    opening = robot.opening if robot.opening is not None else 0.0 if robot.closed else gripper.stroke
+    start = fields.start
+    opening = start.opening if start.opening is not None else 0.0 if start.closed else gripper.stroke
     fault = gripper.opening_fault(opening)
     if fault is not None:
-        document.refuse([_Fault(("robot", "opening"), fault)])
-    gripper_pose = _default_gripper_pose(edges) if robot.pose is None else robot.pose
-    state = State.create(gripper_pose, opening, robot.closed, poses)
+        document.refuse([_Fault(("start", "opening"), fault)])
+    gripper_pose = _default_gripper_pose(edges) if start.pose is None else start.pose
+    state = State.create(gripper_pose, opening, start.closed, poses)
     return TaskInstance(Scene(TargetRegion(position, fields.target.radius), shapes, edges, gripper), state)
 
 
@@ -326,7 +326,7 @@ def _content(instance: TaskInstance) -> dict[str, Any]:
     return {
         "edges": scene.edges.tolist(),
         "target": {"position": scene.target.position.tolist(), "radius": float(scene.target.radius)},
-        "robot": {
+        "start": {
             "pose": state.gripper_pose.tolist(),
             "opening": state.gripper_opening,
             "closed": state.gripper_closed,

@@ -34,7 +34,7 @@ class TargetFields(Fields):
     radius: Length = Field(TargetRegion.radius, description="radius [m]")
 
 
-class RobotFields(Fields):
+class StartFields(Fields):
     """The gripper at the start."""
 
     pose: Pose | None = Field(
@@ -90,7 +90,7 @@ class SceneFields(Fields):
         description="vertices (x, y) [m] of the surface in the world frame, counter-clockwise, a simple polygon",
     )
     target: TargetFields = Field(description="target region: position and radius")
-    robot: RobotFields = Field(RobotFields(), description="gripper at the start: pose, opening, closed")  # pyright: ignore[reportCallIssue]
+    start: StartFields = Field(StartFields(), description="gripper at the start: pose, opening, closed")  # pyright: ignore[reportCallIssue]
     gripper: GripperFields = Field(GripperFields(), description="geometry of the gripper")  # pyright: ignore[reportCallIssue]
     objects: Annotated[list[ObjectFields], Field(min_length=1)] = Field(
         description="the desired object first, then the obstacles"

@@ -51,7 +51,7 @@ def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
     if state.num_objects != scene.num_objects:
         yield StartFault(("objects",), f"the state has {state.num_objects} objects and the scene {scene.num_objects}")
         return
-    named = [(("robot", "pose"), state.gripper_pose)]
+    named = [(("start", "pose"), state.gripper_pose)]
     named += [(("objects", number, "pose"), pose) for number, pose in enumerate(state.object_poses)]
     lost = [
         StartFault(where, f"is {pose.tolist()}; a pose is three finite numbers, the place within {MAX_COORDINATE:g} m")
@@ -61,9 +61,9 @@ def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
     yield from lost
     closed, fault = float(state.vector[Column.CLOSED]), scene.gripper.opening_fault(state.gripper_opening)
     if closed not in (0.0, 1.0):
-        yield StartFault(("robot", "closed"), f"is {closed}; it is 1 (closed) or 0 (open)")
+        yield StartFault(("start", "closed"), f"is {closed}; it is 1 (closed) or 0 (open)")
     if fault is not None:
-        yield StartFault(("robot", "opening"), fault)
+        yield StartFault(("start", "opening"), fault)
     elif not lost:
         yield from _misplaced(scene, state)
         yield from _overlapping(scene, state)
