@@ -28,7 +28,7 @@ SETTINGS = (
     "num_episodes=3",
     "scene.num_objects=[1,3]",
 )
-TIMES = ["decision_time_s", "mean_decision_time_s", "simulation_time_s", "execution_time_s"]
+TIMES = ["decision_time_s", "mean_decision_time_s", "max_decision_time_s", "simulation_time_s", "execution_time_s"]
 
 
 def configure(*overrides: str, suite: dict[str, dict[str, Any]] | None = None) -> EvaluateConfig:
