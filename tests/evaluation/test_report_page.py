@@ -45,6 +45,16 @@ def test_the_headline_is_about_visualrhp_plus_where_it_was_evaluated() -> None:
     assert "VisualRHP+ 3x3 completes 100% of the tasks" in text and "VisualRHP 3x3 90%" in text
 
 
+def test_the_page_begins_with_what_was_learned_about_methods() -> None:
+    table = report_table()
+    own = table.loc[table["planner"] == "VisualRHP"]
+    plus = own.assign(planner="VisualRHP+", success=True, num_actions=5)
+    search = own.assign(planner="K.RRT closed loop", num_rollouts=None, horizon=None, success=True, num_actions=8)
+    text = words_of(page_of(pd.concat([table, plus, search], ignore_index=True)))
+    assert "(VisualRHP+ 3x3) completes as many tasks as searching for a plan again (K.RRT closed loop), with" in text
+    assert "shorter plans (3.0 actions of difference)" in text
+
+
 def test_small_tables_make_a_page_too() -> None:
     """One planner, one setting: only the figures that make sense."""
     table = report_table()

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import math
 
+import pandas as pd
 import pytest
 
 from tests.evaluation.samples import report_table, sample_table
-from visualrhp.evaluation.report_tables import decision_time, detail_tables, main_table, number, results_table
+from visualrhp.evaluation.report_tables import (
+    decision_time,
+    detail_tables,
+    main_table,
+    number,
+    paired_rows,
+    results_table,
+)
 
 
 def test_methods_are_listed_in_order_and_groups_are_separated() -> None:
@@ -49,3 +57,11 @@ def test_decision_times_are_per_action() -> None:
     table = sample_table([{"num_actions": 10, "decision_time_s": 1.0}, {"num_actions": 30, "decision_time_s": 1.0}])
     assert decision_time(table) == pytest.approx(0.05)
     assert decision_time(table.iloc[:0]) == 0.0
+
+
+def test_paired_rows_are_formatted_with_signs_and_without_a_negative_zero() -> None:
+    own = report_table().loc[lambda table: table["planner"] == "Greedy"]
+    search = own.assign(planner="K.RRT closed loop", num_rollouts=None, horizon=None)
+    rows = paired_rows(pd.concat([own, search]))
+    assert rows and {row["reference"] for row in rows} == {"K.RRT closed loop"}
+    assert {(row["success"], row["actions"], row["success_p"]) for row in rows} == {("+0.0%", "+0.0", "1.000")}

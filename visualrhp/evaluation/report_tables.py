@@ -106,7 +106,7 @@ def paired_rows(episodes: pd.DataFrame) -> list[dict[str, str]]:
     """
 
     def signed(value: float, digits: int) -> str:
-        return "–" if pd.isna(value) else f"{value:+.{digits}f}".replace("-", "−")
+        return "–" if pd.isna(value) else f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
 
     def p_value(value: float) -> str:
         return "< 0.001" if value < 1e-3 else f"{value:.3f}"
