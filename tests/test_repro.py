@@ -59,6 +59,7 @@ def test_everything_is_made_and_nothing_is_made_twice(copy: Path) -> None:
         "generate_demos/continuous/card.json",
         "train_il/discrete/cartesian/heuristic_m1.safetensors",
         "train_rl/continuous/image/heuristic.safetensors",
+        "expert_iteration/discrete/image/heuristic.safetensors",
         "evaluate/episodes.parquet",
         "report/index.html",
         "mlflow.db",
@@ -71,10 +72,10 @@ def test_everything_is_made_and_nothing_is_made_twice(copy: Path) -> None:
 def test_every_stage_makes_the_same_bytes_again(copy: Path) -> None:
     """All but evaluation and report, which hold times; tests/pipelines/test_evaluate.py compares outcomes."""
     first = locked(copy)
-    run(["dvc", "repro", "--force", "generate_demos", "train_il", "train_rl"], copy)
+    run(["dvc", "repro", "--force", "generate_demos", "train_il", "train_rl", "expert_iteration"], copy)
     again = locked(copy)
     trained = [path for path in first if "evaluate" not in path and "report" not in path]
-    assert len(trained) == 10
+    assert len(trained) == 12
     assert {path: again[path] for path in trained} == {path: first[path] for path in trained}
 
 
