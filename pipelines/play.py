@@ -129,13 +129,18 @@ def task_instance(config: PlayConfig) -> TaskInstance:
 
 def heuristics_of(config: PlayConfig, num_objects: int) -> str | None:
     """The folder of the networks: as configured, or the released ones where nothing was trained."""
-    from pipelines.planners import needed_network
+    from pipelines.planners import RELEASED, needed_network
 
-    if config.heuristics is None:
-        path = needed_network(config.planner, config.action_space.name, None, num_objects)
-        if path is not None and not path.is_file():
-            _log.info("There is no trained network %s; using the released one (heuristics=pretrained).", path)
-            return "pretrained"
+    paths = {
+        folder: needed_network(config.planner, config.action_space.name, folder, num_objects)
+        for folder in (None, *RELEASED)
+    }
+    trained = paths.pop(None)
+    if config.heuristics is None and trained is not None and not trained.is_file():
+        for folder, path in paths.items():
+            if path is not None and path.is_file():
+                _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)
+                return folder
     return config.heuristics
 
 

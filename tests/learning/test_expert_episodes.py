@@ -67,6 +67,7 @@ def test_every_episode_teaches_the_value_and_successful_ones_the_policy() -> Non
 
 def test_the_value_after_a_truncation_is_that_of_as_many_more_actions() -> None:
     assert return_after(Outcome.OUT_OF_ACTIONS, 0.9) == pytest.approx(-sum(0.9**k for k in range(50)))
+    assert return_after(Outcome.OUT_OF_ACTIONS, 1.0) == -50.0
     assert return_after(Outcome.DROPPED, 0.9) == return_after(Outcome.SUCCESS, 0.9) == 0.0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from visualrhp.errors import DataError
+from visualrhp.errors import ConfigError, DataError
 from visualrhp.heuristics.conversion import load_network, save_heuristic
 from visualrhp.heuristics.networks import make_network
 from visualrhp.learning.configs import ActorCriticImitationConfig, ExpertIterationConfig
@@ -125,6 +125,9 @@ def strip(rows: list[Metrics]) -> list[Metrics]:
 def test_rounds_grow_linearly_and_blocks_cover_them() -> None:
     assert [CONFIG.max_objects_in(round_) for round_ in (1, 2, 3)] == [2, 4, 6]
     assert ExpertIterationConfig(rounds=1).max_objects_in(1) == 7
+    for wrong in ((6, 2), (7, 21)):
+        with pytest.raises(ConfigError, match="max_objects"):
+            ExpertIterationConfig(max_objects=wrong)
     assert CONFIG.episodes_per_round % BLOCK_SIZE, "the last block of a round is smaller"
 
 

@@ -137,6 +137,24 @@ def test_a_missing_network_is_an_error_that_says_how_to_make_it(planner: str, sp
     assert "planner=crafted_heuristic_rhp" in message
 
 
+@pytest.mark.parametrize(
+    ("planner", "num_objects", "expected"),
+    [
+        ("visual_rhp_plus", 5, "pretrained"),
+        ("cartesian_rhp", 4, "pretrained_paper"),
+        ("cartesian_rhp", 3, None),  # not released
+        ("kinodynamic_rrt", 5, None),
+    ],
+)
+def test_where_nothing_was_trained_the_released_networks_play(
+    planner: str, num_objects: int, expected: str | None, tmp_path: Path
+) -> None:
+    config = configure(f"planner={planner}", f"paths.outputs={tmp_path}")
+    assert pipeline.heuristics_of(config, num_objects) == expected
+    given = configure(f"planner={planner}", "heuristics=elsewhere")
+    assert pipeline.heuristics_of(given, num_objects) == "elsewhere"
+
+
 def test_names_of_files_tell_planners_apart() -> None:
     stems = {pipeline.file_stem(configure(f"planner={planner}"), 2) for planner in PLANNERS}
     assert len(stems) == len(PLANNERS)

@@ -9,6 +9,7 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 from visualrhp.parameters import AsTuple, Count, Discount, Field, Fraction, NonNegative, Positive, parameters
+from visualrhp.scene.sampling import NumObjects
 from visualrhp.simulation.rules import DISCOUNT
 
 
@@ -90,12 +91,17 @@ class ExpertIterationConfig:
 
     rounds: Count = 10
     episodes_per_round: Count = 3_000
-    max_objects: Annotated[tuple[Count, Count], AsTuple] = (7, 12)
+    max_objects: Annotated[tuple[NumObjects, NumObjects], AsTuple] = (7, 12)
     greedy_share: Fraction = 0.25
     noise: NonNegative = 0.0
     replay_rounds: Count = 3
     action_cost: NonNegative = 0.5
     imitation: QImitationConfig | ActorCriticImitationConfig = field(default_factory=ActorCriticImitationConfig)
+
+    def __post_init__(self) -> None:
+        first, last = self.max_objects
+        if first > last:
+            raise ValueError(f"max_objects=[{first}, {last}]: the smaller bound comes first.")
 
     def max_objects_in(self, round_: int) -> int:
         """Largest number of objects in round ``round_``, from 1 to ``rounds``."""

@@ -120,7 +120,9 @@ def score(blocks: Mapping[str, npt.NDArray[Any]], action_cost: float) -> float:
 def return_after(outcome: Outcome, discount: float) -> float:
     """Value of the last state of an episode: 0 if it is terminal, otherwise as many more actions as an episode may
     have, since the task is hard for the policy there."""
-    return 0.0 if outcome.is_terminal else rules.ACTION_REWARD * (1.0 - discount**rules.MAX_ACTIONS) / (1.0 - discount)
+    if outcome.is_terminal:
+        return 0.0
+    return rules.ACTION_REWARD * sum(discount**k for k in range(rules.MAX_ACTIONS))
 
 
 def _run(index: int, planner: Planner, setting: ExpertSetting, space: ActionSpace, split: Split) -> EpisodeResult:
