@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from visualrhp.scene.scene import Scene
-from visualrhp.simulation.action_spaces import make_action_space
+from visualrhp.simulation.action_spaces import DiscreteActionSpace, make_action_space
 from visualrhp.streams import mode_generator
 from visualrhp.types import Action, ActionSpaceName, FloatArray, State
 
@@ -33,6 +33,18 @@ class Guidance(ABC):
     @abstractmethod
     def sample(self, rngs: Sequence[np.random.Generator]) -> list[Action]:
         """Sample an action for every state, each with its own generator."""
+
+    def sample_distinct(self, count: int, tried: Collection[int], rng: np.random.Generator) -> list[Action]:
+        """Sample up to ``count`` different actions for a single state.
+
+        Discrete actions are sampled without replacement, and those in ``tried`` only after all others. Continuous
+        samples always differ.
+        """
+        return [self.sample([rng])[0] for _ in range(count)]
+
+    def log_probability(self, action: int) -> float:
+        """Log-probability of a discrete action in a single state, up to a constant; 0 if it is unknown."""
+        return 0.0
 
     @abstractmethod
     def mode(self) -> list[Action]:
@@ -101,6 +113,13 @@ class SoftmaxGuidance(Guidance):
             for row, rng in zip(self._cumulative, rngs, strict=True)
         ]
 
+    def sample_distinct(self, count: int, tried: Collection[int], rng: np.random.Generator) -> list[Action]:
+        return _without_replacement(self.q_values[0] / self.temperature, count, tried, rng)
+
+    def log_probability(self, action: int) -> float:
+        scaled = self.q_values[0] / self.temperature
+        return float(scaled[action] - scaled.max() - np.log(np.exp(scaled - scaled.max()).sum()))
+
     def mode(self) -> list[Action]:
         return [int(action) for action in self.q_values.argmax(axis=1)]
 
@@ -157,6 +176,11 @@ class UniformGuidance(Guidance):
         action_space = make_action_space(self.action_space)
         return [action_space.sample(rng) for rng in rngs]
 
+    def sample_distinct(self, count: int, tried: Collection[int], rng: np.random.Generator) -> list[Action]:
+        if self.action_space != "discrete":
+            return super().sample_distinct(count, tried, rng)
+        return _without_replacement(np.zeros(DiscreteActionSpace.NUM_ACTIONS), count, tried, rng)
+
     def mode(self) -> list[Action]:
         return self.sample([mode_generator() for _ in self.values])
 
@@ -165,3 +189,12 @@ class UniformGuidance(Guidance):
 
     def widened(self, factor: float) -> UniformGuidance:
         return self
+
+
+def _without_replacement(
+    logits: FloatArray, count: int, tried: Collection[int], rng: np.random.Generator
+) -> list[Action]:
+    """The largest of logits plus Gumbel noise are a sample without replacement (Kool et al., ICML 2019)."""
+    keys = logits + rng.gumbel(size=len(logits))
+    order = np.argsort(-keys, kind="stable").tolist()
+    return sorted(order, key=lambda action: action in tried)[:count]

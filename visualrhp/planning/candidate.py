@@ -54,6 +54,11 @@ class Candidate:
         return bool(self.transitions) and self.transitions[-1].is_terminal
 
     @property
+    def is_goal(self) -> bool:
+        """Whether it has reached the goal."""
+        return bool(self.transitions) and self.transitions[-1].is_goal
+
+    @property
     def is_dropped(self) -> bool:
         """Whether it ends with a dropped object."""
         return bool(self.transitions) and self.transitions[-1].is_dropped
@@ -67,6 +72,11 @@ class Candidate:
     def is_valued(self) -> bool:
         """Whether it has a return, possibly minus infinity; otherwise the deadline passed before it had one."""
         return self.num_valued > 0 or not self.is_open
+
+    @property
+    def is_script_done(self) -> bool:
+        """Whether it has taken all actions of its script."""
+        return len(self.actions) >= len(self.script)
 
     @property
     def follows_mode(self) -> bool:
@@ -98,9 +108,8 @@ class Candidate:
 
     def choose_next(self, sampled: Action, mode: Action) -> None:
         """Choose the next action: of the script, the mode of the policy, or the sample."""
-        depth = len(self.actions)
-        if depth < len(self.script):
-            self.next_action = self.script[depth]
+        if not self.is_script_done:
+            self.next_action = self.script[len(self.actions)]
         else:
             self.next_action = mode if self.follows_mode else sampled
 

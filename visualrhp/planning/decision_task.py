@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from visualrhp.heuristics.heuristic import Guidance, Heuristic
+from visualrhp.heuristics.heuristic import Guidance, Heuristic, UniformGuidance
 from visualrhp.parameters import Count, Discount, Index, NonNegative, Positive, parameters
 from visualrhp.planning.candidate import Candidate, KnownTransitions
 from visualrhp.planning.deadline import DecisionClock
 from visualrhp.planning.episode_memory import EpisodeMemory
-from visualrhp.planning.planner import Decision, PlanningModel, Rollout, Timing
+from visualrhp.planning.planner import Decision, PlanningModel, Rollout, RolloutOrigin, Timing
 from visualrhp.simulation.rules import DISCOUNT
-from visualrhp.types import State
+from visualrhp.types import Action, State
 
 WIDENING = 2.0
 """Factor of the standard deviation or temperature of the policy in the first resampling."""
@@ -37,6 +38,11 @@ class RecedingHorizonParameters:
             an object, diverges, or returns to a state of the episode if these are avoided.
         avoid_visited: whether roll-outs whose first action leads to a state in which the episode has been are chosen
             only if there is no other one.
+        distinct_actions: whether the sampled roll-outs of a round begin with different actions, and those of
+            resampling with actions that were not tried, as long as there are any (discrete action space).
+        prior_weight: weight of the log-probability of the first action, which is added to the return in the comparison
+            of roll-outs (discrete action space).
+        stop_at_goal: whether all roll-outs of a task end as soon as one of them reaches the goal.
         num_perturbed_models: k, number of perturbed models in which roll-outs are judged, too; 0 for the nominal alone.
         perturbation: relative standard deviation of the shapes, friction and density of their objects.
         judgement: return of a roll-out in these models and the nominal one: their ``mean``, or the ``worst``.
@@ -54,6 +60,9 @@ class RecedingHorizonParameters:
     follow_mode: bool = False
     max_resamplings: Index = 0
     avoid_visited: bool = False
+    distinct_actions: bool = False
+    prior_weight: NonNegative = 0.0
+    stop_at_goal: bool = False
     num_perturbed_models: Index = 0
     perturbation: NonNegative = 0.05
     judgement: Literal["mean", "worst"] = "mean"
@@ -72,6 +81,7 @@ class DecisionTask:
 
     Attributes:
         model, state, rng, memory: of the task.
+        root: the guidance of this state alone.
         planner: the parameters.
         known: transitions that were simulated in this decision, in the nominal model and in the perturbed ones.
         growing: the roll-outs of the current round.
@@ -83,10 +93,10 @@ class DecisionTask:
     state: State
     rng: np.random.Generator
     memory: EpisodeMemory
+    root: Guidance
     planner: RecedingHorizonParameters
     known: list[KnownTransitions] = field(default_factory=list)
     growing: list[Candidate] = field(default_factory=list)
-    finished: list[tuple[Candidate, Rollout]] = field(default_factory=list)
     rollouts: list[tuple[Rollout, bool]] = field(default_factory=list)
     num_failed_rounds: int = 0
 
@@ -97,71 +107,101 @@ class DecisionTask:
             memory.perturbed_models.append(self.model.perturbed(planner.perturbation, self.rng))
         self.known = [{} for _ in range(1 + planner.num_perturbed_models)]
 
-    def first_candidates(self, root: Guidance) -> list[Candidate]:
-        """Begin the roll-outs of a round; ``root`` is the guidance of this task's state alone."""
+    def first_candidates(self) -> list[Candidate]:
+        """Begin the roll-outs of a round."""
         parts = (self.model, self.rng, self.known[0], self.state)
-        count, level = self.planner.num_rollouts, min(self.num_failed_rounds, self.planner.max_resamplings)
-        if level >= 2:
-            actions = [self.model.action_space.sample(self.rng) for _ in range(count)]
-        else:
-            policy = root.widened(WIDENING) if level else root
-            actions = [policy.sample([self.rng])[0] for _ in range(count)]
         is_first_round = not self.growing
-        self.growing = [Candidate(*parts, action, "resampling" if level else "policy") for action in actions]
+        level = min(self.num_failed_rounds, self.planner.max_resamplings)
+        origin: RolloutOrigin = "resampling" if level else "policy"
+        self.growing = [Candidate(*parts, action, origin) for action in self._first_actions(level)]
         if is_first_round and self.planner.follow_mode:
-            self.growing.append(Candidate(*parts, root.mode()[0], "mode"))
+            self.growing.append(Candidate(*parts, self.root.mode()[0], "mode"))
         if is_first_round and self.planner.warm_start and self.memory.rest:
             self.growing.append(Candidate(*parts, self.memory.rest[0], "warm start", self.memory.rest))
         return self.growing
 
-    def finish_round(self) -> list[Candidate]:
-        """Compute the returns of the round's roll-outs; return their replays in the perturbed models, all of each."""
-        finished = [candidate for candidate in self.growing if candidate.is_valued]
-        self.finished = [(candidate, candidate.finish(self.planner.discount)) for candidate in finished]
+    def _first_actions(self, level: int) -> list[Action]:
+        """Sample the first actions of a round, from a wider policy at level 1 and uniformly above."""
+        count, policy = self.planner.num_rollouts, self.root
+        if level == 1:
+            policy = policy.widened(WIDENING)
+        elif level > 1:
+            policy = UniformGuidance(self.model.action_space.name, self.root.values)
+        if self.planner.distinct_actions:
+            tried = {action for rollout, _ in self.rollouts if isinstance(action := rollout.actions[0], int)}
+            return policy.sample_distinct(count, tried if level else (), self.rng)
+        return [policy.sample([self.rng])[0] for _ in range(count)]
+
+    @property
+    def open_candidates(self) -> list[Candidate]:
+        """The roll-outs of this round that continue."""
+        return [] if self._is_stopped else [candidate for candidate in self.growing if candidate.is_open]
+
+    @property
+    def _is_stopped(self) -> bool:
+        """Whether a roll-out of this round has reached the goal: longer ones have a lower return."""
+        return self.planner.stop_at_goal and any(candidate.is_goal for candidate in self.growing)
+
+    def close_round(self) -> None:
+        """Compute the returns of the roll-outs of this round, and keep them."""
+        for candidate in self.growing:
+            if not candidate.is_valued or (self._is_stopped and candidate.is_open):
+                continue
+            rollout = candidate.finish(self.planner.discount)
+            if self.planner.prior_weight and isinstance(action := rollout.actions[0], int):
+                prior = self.planner.prior_weight * self.root.log_probability(action)
+                rollout = replace(rollout, prior=prior if math.isfinite(prior) else 0.0)
+            is_bad = rollout.is_diverged or candidate.is_dropped or self._is_avoided(candidate)
+            self.rollouts.append((rollout, is_bad))
+
+    def contender(self) -> list[Candidate]:
+        """The replays in the perturbed models of the roll-out to choose; empty if it is bad or judged already."""
+        best = self.best()
+        if best is None or self.rollouts[best][1] or self.rollouts[best][0].robust_return is not None:
+            return []
+        actions = self.rollouts[best][0].actions
+        models = self.memory.perturbed_models[: self.planner.num_perturbed_models]
         return [
-            Candidate(model, self.rng, known, self.state, rollout.actions[0], script=rollout.actions)
-            for _, rollout in self.finished
-            for model, known in zip(self._perturbed_models, self.known[1:], strict=True)
+            Candidate(model, self.rng, known, self.state, actions[0], script=actions)
+            for model, known in zip(models, self.known[1:], strict=True)
         ]
 
-    def close_round(self, replays: Sequence[Candidate]) -> None:
-        """Judge the round's roll-outs by their ``replays``, and keep them."""
-        k = len(self._perturbed_models)
-        for number, (candidate, rollout) in enumerate(self.finished):
-            own = replays[k * number : k * (number + 1)]
-            is_bad = rollout.is_diverged or candidate.is_dropped or self._is_avoided(candidate)
-            if own:
-                returns = [rollout.total_return, *(replay.finish(self.planner.discount).total_return for replay in own)]
-                robust_return = min(returns) if self.planner.judgement == "worst" else sum(returns) / len(returns)
-                rollout = replace(rollout, robust_return=robust_return)
-                is_bad = is_bad or any(replay.is_dropped or replay.is_diverged for replay in own)
-            self.rollouts.append((rollout, is_bad))
+    def judge(self, replays: Sequence[Candidate]) -> None:
+        """Judge the roll-out to choose by its replays."""
+        best = self.best()
+        assert best is not None
+        rollout, _ = self.rollouts[best]
+        returns = [rollout.total_return, *(replay.finish(self.planner.discount).total_return for replay in replays)]
+        robust_return = min(returns) if self.planner.judgement == "worst" else sum(returns) / len(returns)
+        is_bad = any(replay.is_dropped or replay.is_diverged for replay in replays)
+        self.rollouts[best] = (replace(rollout, robust_return=robust_return), is_bad)
+
+    def has_failed(self) -> bool:
+        """Count this round: whether even the best roll-out so far is bad."""
         best = self.best()
         failed = best is None or self.rollouts[best][1]
         self.num_failed_rounds = self.num_failed_rounds + 1 if failed else 0
-
-    @property
-    def _perturbed_models(self) -> list[PlanningModel]:
-        return self.memory.perturbed_models[: self.planner.num_perturbed_models]
+        return failed
 
     def best(self) -> int | None:
         """Index of the roll-out to choose, the first of the best ones; None if there is none."""
-        keys = [(self.planner.avoid_visited and not is_bad, rollout.compared) for rollout, is_bad in self.rollouts]
+        avoids = self.planner.avoid_visited
+        keys = [(avoids and not is_bad, rollout.compared) for rollout, is_bad in self.rollouts]
         return keys.index(max(keys)) if keys else None
 
     def _is_avoided(self, candidate: Candidate) -> bool:
         """Whether the first action leads to a state of the episode, unless the roll-out reaches the goal."""
-        if not self.planner.avoid_visited or not candidate.transitions or candidate.transitions[-1].is_goal:
+        if not self.planner.avoid_visited or not candidate.transitions or candidate.is_goal:
             return False
         return self.memory.has_visited(candidate.transitions[0].next_state)
 
-    def decide(self, root: Guidance, timing: Timing) -> Decision:
+    def decide(self, timing: Timing) -> Decision:
         """The first action of the best roll-out; the mode of the policy if none has a return."""
         best = self.best()
         rollouts = tuple(rollout for rollout, _ in self.rollouts)
         chosen = None if best is None or rollouts[best].is_diverged else best
         decision = Decision(
-            action=root.mode()[0] if chosen is None else rollouts[chosen].actions[0],
+            action=self.root.mode()[0] if chosen is None else rollouts[chosen].actions[0],
             rollouts=rollouts,
             num_invalid=sum(rollout.is_diverged for rollout in rollouts),
             timing=timing,
@@ -179,21 +219,30 @@ def choose_next(growing: Sequence[Candidate], guidance: Guidance) -> None:
         candidate.choose_next(sample, mode)
 
 
-def judge(replays: Sequence[Candidate], heuristic: Heuristic, clock: DecisionClock) -> bool:
+def judge(tasks: Sequence[DecisionTask], heuristic: Heuristic, clock: DecisionClock) -> None:
+    """Replay the roll-outs to choose in the perturbed models, until every task's has been judged."""
+    while judged := [(task, replays) for task in tasks if (replays := task.contender())]:
+        if not _replay([replay for _, replays in judged for replay in replays], heuristic, clock):
+            return
+        for task, replays in judged:
+            task.judge(replays)
+
+
+def _replay(replays: Sequence[Candidate], heuristic: Heuristic, clock: DecisionClock) -> bool:
     """Simulate the scripts of ``replays``, and value their last states; False if the deadline passed before."""
     growing = list(replays)
     while growing:
         if not clock.simulate(growing):
             return False
-        growing = [replay for replay in growing if replay.is_open and len(replay.actions) < len(replay.script)]
-        for replay in growing:
-            replay.next_action = replay.script[len(replay.actions)]
-    unfinished = [replay for replay in replays if replay.is_open]
+        growing = [candidate for candidate in growing if candidate.is_open and not candidate.is_script_done]
+        for candidate in growing:
+            candidate.next_action = candidate.script[len(candidate.actions)]
+    unfinished = [candidate for candidate in replays if candidate.is_open]
     if unfinished:
         if clock.is_too_late_to_guide():
             return False
-        scenes = [replay.model.scene for replay in unfinished]
-        guidance = clock.guide(heuristic, scenes, [replay.current for replay in unfinished])
-        for replay, value in zip(unfinished, guidance.values.tolist(), strict=True):
-            replay.value(value)
+        scenes = [candidate.model.scene for candidate in unfinished]
+        guidance = clock.guide(heuristic, scenes, [candidate.current for candidate in unfinished])
+        for candidate, value in zip(unfinished, guidance.values.tolist(), strict=True):
+            candidate.value(value)
     return True

@@ -65,7 +65,9 @@ class Rollout:
             without an estimate.
         total_return: R_{t:h} of Eq. 3; minus infinity if the roll-out diverged.
         origin: of its actions.
-        robust_return: its return over perturbed models (robust look-ahead); None without them.
+        robust_return: its return over the nominal and the perturbed models (robust look-ahead); None if it was not
+            judged in these.
+        prior: of its first action, added to its return in comparisons; 0 without a prior.
     """
 
     actions: tuple[Action, ...]
@@ -75,11 +77,12 @@ class Rollout:
     total_return: float
     origin: RolloutOrigin = "policy"
     robust_return: float | None = None
+    prior: float = 0.0
 
     @property
     def compared(self) -> float:
         """The return by which roll-outs are compared."""
-        return self.total_return if self.robust_return is None else self.robust_return
+        return (self.total_return if self.robust_return is None else self.robust_return) + self.prior
 
     @classmethod
     def of(

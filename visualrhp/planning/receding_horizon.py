@@ -41,9 +41,15 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
       actions from a policy with twice the standard deviation or temperature, then uniformly;
     - *visited states*: in the discrete action space, episodes run out of actions going round in circles; first actions
       that lead to a state of the episode are avoided;
-    - *robust look-ahead*: the world differs from the model, so the actions of every roll-out are simulated in k
-      perturbed models, too, and compared by their mean or worst return. The models are drawn once per episode:
-      roll-outs and decisions are compared in the same ones.
+    - *distinct actions*: in the discrete action space most samples of a peaked policy are the same roll-out; the n
+      samples begin with different actions instead;
+    - *prior*: with more different actions, the highest return is more often that of an overrated state; in the
+      discrete action space, a multiple of the log-probability of the first action is added to the return;
+    - *stop at the goal*: roll-outs end when another one has reached the goal, since longer ones have a lower return;
+    - *robust look-ahead*: the world differs from the model, so roll-outs are judged by their mean or worst return over
+      the nominal model and k perturbed ones. They are drawn once per episode: roll-outs and decisions are compared in
+      the same ones. The best roll-out is judged first, and others only as long as they compare better, so that most
+      are simulated in the nominal model alone.
 
     The sampled roll-outs come first in a decision, then that of the mode, the warm start, and those of resampling.
 
@@ -97,19 +103,19 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
         """
         clock = DecisionClock(self.clock, self.deadline_s)
         memories = [EpisodeMemory() for _ in models] if memories is None else memories
-        tasks = [DecisionTask(*task, self) for task in zip(models, states, rngs, memories, strict=True)]
         guidance = clock.guide(self.heuristic, [model.scene for model in models], states)
-        roots = [guidance.take([b]) for b in range(len(tasks))]
-        pending = list(zip(tasks, roots, strict=True))
+        roots = [guidance.take([b]) for b in range(len(models))]
+        tasks = [DecisionTask(*task, self) for task in zip(models, states, rngs, memories, roots, strict=True)]
+        pending = tasks
         while pending and not clock.is_too_late_to_guide():  # one round, without a deadline and resampling
             # FirstAction: a ~ pi(.|s_cur), n samples in every task
-            growing = [candidate for task, root in pending for candidate in task.first_candidates(root)]
+            growing = [candidate for task in pending for candidate in task.first_candidates()]
             for depth in range(1, self.horizon + 1):
                 # s <- simulatePhysics(s, a), r <- receiveRewards
                 if not clock.simulate(growing):
                     break
                 # if isTerminal(s): break
-                growing = [candidate for candidate in growing if candidate.is_open]
+                growing = [candidate for task in pending for candidate in task.open_candidates]
                 if not growing or clock.is_too_late_to_guide():
                     break
                 # v(s), and a ~ pi(.|s) for the next action
@@ -120,13 +126,13 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
                 if depth < self.horizon:
                     choose_next(growing, guidance)
             # R <- R + gamma^h v(s), unless isTerminal(s) (Eq. 3)
-            rounds = [task.finish_round() for task, _ in pending]
-            if not judge([replay for replays in rounds for replay in replays], self.heuristic, clock):
-                break
-            for (task, _), replays in zip(pending, rounds, strict=True):
-                task.close_round(replays)
+            for task in pending:
+                task.close_round()
+            if self.num_perturbed_models:
+                judge(pending, self.heuristic, clock)
+            failed = [task for task in pending if task.has_failed()]
             if self.deadline_s is None:
-                pending = [(task, root) for task, root in pending if 0 < task.num_failed_rounds <= self.max_resamplings]
+                pending = [task for task in failed if task.num_failed_rounds <= self.max_resamplings]
         # FirstAction[argmax(RolloutsReturn)]
         timing = clock.timing()
-        return [task.decide(root, timing) for task, root in zip(tasks, roots, strict=True)]
+        return [task.decide(timing) for task in tasks]
