@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from scipy.special import softmax
+from scipy.special import log_softmax, softmax
 
-from visualrhp.heuristics.heuristic import GaussianGuidance, SoftmaxGuidance, UniformGuidance
+from visualrhp.heuristics.heuristic import GaussianGuidance, Guidance, SoftmaxGuidance, UniformGuidance
 from visualrhp.types import FloatArray
 
 
@@ -107,3 +107,51 @@ def test_a_widened_policy_has_the_same_mode_and_values() -> None:
     np.testing.assert_allclose(wide_softmax.probabilities, softmax(np.arange(8.0)[None] / 2.0, axis=1))
     np.testing.assert_array_equal(wide_softmax.values, softmax_guidance.values)
     assert wide_softmax.mode() == softmax_guidance.mode()
+
+
+# ------------------------------------------------------------------------------------------- without replacement
+@given(
+    q=arrays.arrays(np.float64, (1, 8), elements=st.floats(-100.0, 0.0)),
+    count=st.integers(1, 12),
+    tried=st.sets(st.integers(0, 7)),
+)
+def test_distinct_discrete_actions_prefer_those_that_were_not_tried(q: FloatArray, count: int, tried: set[int]) -> None:
+    for guidance in (SoftmaxGuidance(q, 1.0), UniformGuidance("discrete", np.zeros(1))):
+        actions = guidance.sample_distinct(count, tried, np.random.default_rng(0))
+        assert len(set(actions)) == len(actions) == min(count, 8)
+        assert [action in tried for action in actions] == sorted(action in tried for action in actions)
+        assert set(range(8)) - tried <= set(actions) or not tried & set(actions)
+
+
+def test_the_first_distinct_action_follows_eq_2_and_the_second_eq_2_without_it() -> None:
+    q = np.array([[-1.0, -2.0, -3.0, -30.0, -30.0, -30.0, -30.0, -30.0]])
+    rng = np.random.default_rng(0)
+    pairs = np.array([SoftmaxGuidance(q, 2.0).sample_distinct(2, (), rng) for _ in range(20_000)])
+    expected = softmax(q[0] / 2.0)
+    np.testing.assert_allclose(np.bincount(pairs[:, 0], minlength=8) / 20_000, expected, atol=0.012)
+    after_0 = pairs[pairs[:, 0] == 0, 1]
+    rest = np.where(np.arange(8) == 0, 0.0, expected) / (1.0 - expected[0])
+    np.testing.assert_allclose(np.bincount(after_0, minlength=8) / len(after_0), rest, atol=0.015)
+
+
+def test_distinct_actions_of_values_that_are_not_finite_are_actions() -> None:
+    actions = SoftmaxGuidance(np.full((1, 8), np.nan), 1.0).sample_distinct(3, (), np.random.default_rng(0))
+    assert len(set(actions)) == 3 and set(actions) <= set(range(8))
+
+
+@pytest.mark.parametrize(
+    "guidance",
+    [GaussianGuidance(np.zeros((1, 4)), np.ones((1, 4)), np.zeros(1)), UniformGuidance("continuous", np.zeros(1))],
+)
+def test_continuous_samples_are_distinct_as_they_are(guidance: Guidance) -> None:
+    actions = guidance.sample_distinct(3, (), np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(actions, [guidance.sample([rng])[0] for _ in range(3)])
+
+
+@given(q=arrays.arrays(np.float64, (1, 8), elements=st.floats(-100.0, 0.0)), temperature=st.floats(0.05, 20.0))
+def test_log_probability_is_eq_2(q: FloatArray, temperature: float) -> None:
+    guidance = SoftmaxGuidance(q, temperature)
+    ours = [guidance.log_probability(action) for action in range(8)]
+    np.testing.assert_allclose(ours, log_softmax(q[0] / temperature), atol=1e-9)
+    assert UniformGuidance("discrete", np.zeros(1)).log_probability(3) == 0.0

@@ -169,7 +169,16 @@ def test_the_planners_are_those_of_the_paper() -> None:
 
 
 # -------------------------------------------------- agreement with the library
-OPTIONS = {"warm_start": True, "follow_mode": True, "max_resamplings": 4, "avoid_visited": True}
+OPTIONS = {
+    "warm_start": True,
+    "follow_mode": True,
+    "max_resamplings": 4,
+    "avoid_visited": True,
+    "distinct_actions": True,
+    "prior_weight": 0.3,
+    "stop_at_goal": True,
+    "num_perturbed_models": 2,
+}
 """Of ``visual_rhp_plus``; ``visual_rhp`` is Algorithm 1 as written, without them."""
 
 OTHER_THAN_THE_DEFAULT = {

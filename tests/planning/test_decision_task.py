@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import log_softmax
 
 from tests.planning.conftest import LEFT, RIGHT, LineWorld, at
 from tests.planning.scripted import STAY, ScriptedHeuristic, cells
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
+from visualrhp.heuristics.heuristic import Guidance, SoftmaxGuidance
 from visualrhp.planning import RecedingHorizon
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
 from visualrhp.streams import Split
-from visualrhp.types import ActionSpaceName
+from visualrhp.types import Action, ActionSpaceName, State, Transition
 
 GAMMA = 0.5
-ALL = {"warm_start": True, "follow_mode": True, "max_resamplings": 4, "avoid_visited": True}
+ALL = {
+    "warm_start": True,
+    "follow_mode": True,
+    "max_resamplings": 4,
+    "avoid_visited": True,
+    "distinct_actions": True,
+    "prior_weight": 0.3,
+    "stop_at_goal": True,
+}
 ROBUST = ALL | {"num_perturbed_models": 2}
 
 
@@ -97,6 +107,89 @@ def test_states_of_the_episode_are_avoided(line_world: Callable[..., Any]) -> No
     assert decision.action == STAY, "a visited state is better than a drop"
 
 
+class TableHeuristic(ScriptedHeuristic):
+    """Its policy is Eq. 2 of the same q-values in every cell, its values are those of the table."""
+
+    def __init__(self, values: dict[int, float], q_values: Sequence[float]) -> None:
+        super().__init__(values)
+        self.q_values = np.array([q_values])
+
+    def guide(self, scenes: Sequence[Any], states: Sequence[Any]) -> Guidance:
+        values = super().guide(scenes, states).values
+        return TableGuidance(self.q_values.repeat(len(states), axis=0), 1.0, table=values)
+
+
+@dataclass(frozen=True)
+class TableGuidance(SoftmaxGuidance):
+    table: Any = None
+
+    @property
+    def values(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.table
+
+    def take(self, rows: Sequence[int]) -> SoftmaxGuidance:
+        return replace(self, q_values=self.q_values[list(rows)], table=self.table[list(rows)])
+
+
+PEAKED = [-100.0] * 8
+PEAKED[STAY] = 0.0
+
+
+def test_distinct_actions_begin_the_rollouts_of_a_peaked_policy(line_world: Callable[..., Any]) -> None:
+    heuristic = TableHeuristic({}, PEAKED)
+    peaked = planner(heuristic, n=3, h=1).plan(line_world(goal=90), at(5), rng())
+    assert [rollout.actions for rollout in peaked.rollouts] == [(STAY,)] * 3
+    distinct = planner(heuristic, n=3, h=1, distinct_actions=True).plan(line_world(goal=90), at(5), rng())
+    assert distinct.rollouts[0].actions == (STAY,) and len({r.actions for r in distinct.rollouts}) == 3
+
+
+def test_distinct_resampling_covers_the_actions(line_world: Callable[..., Any]) -> None:
+    """Only one of eight actions does not drop the object: three rounds of three find it, whatever the policy."""
+
+    class Narrow(LineWorld):
+        def simulate(self, state: State, action: Action) -> Transition:
+            transition = super().simulate(state, STAY)
+            return replace(transition, action=action, is_dropped=action != 5, reward=-1.0 if action == 5 else -50.0)
+
+    options = {"max_resamplings": 2, "distinct_actions": True}
+    for seed in range(20):
+        decision = planner(TableHeuristic({}, PEAKED), n=3, h=1, **options).plan(
+            Narrow(goal=90), at(5), np.random.default_rng(seed)
+        )
+        assert decision.action == 5 and len({rollout.actions for rollout in decision.rollouts}) <= 8
+
+
+def test_the_prior_outweighs_a_slightly_higher_return(line_world: Callable[..., Any]) -> None:
+    """Right is better by 1 (1/2 after the discount), and less probable by a factor of e^2."""
+    q_values = [-2.0, -100.0, 0.0, *[-100.0] * 5]
+    heuristic = TableHeuristic({6: 1.0}, q_values)
+
+    def decide(**options: Any) -> Any:
+        chosen = planner(heuristic, n=2, h=1, distinct_actions=True, **options)
+        return chosen.plan(line_world(goal=90), at(5), rng())
+
+    assert decide().action == RIGHT
+    assert decide(prior_weight=0.2).action == RIGHT, "2 x 0.2 < 1/2"
+    decision = decide(prior_weight=0.3)
+    assert decision.action == STAY, "2 x 0.3 > 1/2"
+    right = next(rollout for rollout in decision.rollouts if rollout.actions == (RIGHT,))
+    assert right.prior == pytest.approx(0.3 * log_softmax(q_values)[RIGHT]) and right.total_return == -0.5
+    assert right.compared == right.total_return + right.prior
+
+
+def test_rollouts_end_when_another_one_has_reached_the_goal(line_world: Callable[..., Any]) -> None:
+    """The first reaches cell 6 after one action; the others would go on, to a state whose value is overrated."""
+    script = [RIGHT, STAY, LEFT] + [STAY] * 10
+    world = line_world(goal=6)
+    decision = planner(ScriptedHeuristic({5: 99.0}, script), n=3, h=4, stop_at_goal=True).plan(world, at(5), rng())
+    assert (decision.action, decision.chosen, len(decision.rollouts)) == (RIGHT, 0, 1)
+    assert len(world.simulated) == 3
+    script = [STAY, STAY, LEFT, RIGHT, STAY, STAY]
+    world = line_world(goal=6)
+    decision = planner(ScriptedHeuristic({}, script), n=3, h=4, stop_at_goal=True).plan(world, at(5), rng())
+    assert decision.rollouts[0].actions == (STAY, RIGHT) and len(decision.rollouts) == 1
+
+
 @dataclass
 class WideEdge(LineWorld):
     """Its perturbed models drop the object in cells below ``edge + 3``, and their random numbers are counted."""
@@ -124,6 +217,30 @@ def test_robust_look_ahead_compares_returns_in_all_models() -> None:
         assert left.total_return == -1.5 + 12.5
         assert left.robust_return == expected
         assert right.robust_return == right.total_return == -1.5 - 0.5
+
+
+def test_only_rollouts_that_could_be_the_best_are_judged() -> None:
+    """Left, right, stay: left is best, and bad in the perturbed model; right is next, and judged; stay is not."""
+    heuristic = ScriptedHeuristic({3: 50.0, 5: 40.0, 4: 0.0}, script=[LEFT, RIGHT, STAY])
+    world = WideEdge(goal=90)
+    world.edge = 1
+    memory = EpisodeMemory()
+    chosen = planner(heuristic, n=3, h=1, num_perturbed_models=1)
+    decision = chosen.plan(world, at(4), rng(), memory)
+    left, right, stay = decision.rollouts
+    assert decision.chosen == 1 and left.robust_return is not None and right.robust_return == right.total_return
+    assert stay.robust_return is None and stay.total_return < right.compared
+    (model,) = memory.perturbed_models
+    assert isinstance(model, WideEdge) and model.simulated == [(4, LEFT), (4, RIGHT)]
+
+
+def test_resampling_goes_on_while_the_best_rollout_drops_in_a_perturbed_model() -> None:
+    heuristic = ScriptedHeuristic({3: 50.0}, script=[LEFT, LEFT, RIGHT])
+    world = WideEdge(goal=90)
+    world.edge = 1
+    decision = planner(heuristic, n=1, h=1, num_perturbed_models=1, max_resamplings=4).plan(world, at(4), rng())
+    assert [rollout.actions for rollout in decision.rollouts[:2]] == [(LEFT,), (LEFT,)]
+    assert decision.action != LEFT and decision.rollouts[-1].robust_return is not None
 
 
 def test_perturbed_models_are_drawn_once_per_episode() -> None:
