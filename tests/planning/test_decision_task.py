@@ -15,6 +15,7 @@ from tests.planning.scripted import STAY, ScriptedHeuristic, cells
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.heuristics.heuristic import Guidance, SoftmaxGuidance
 from visualrhp.planning import RecedingHorizon
+from visualrhp.planning.decision_task import DecisionTask
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
@@ -194,7 +195,7 @@ def test_rollouts_end_when_another_one_has_reached_the_goal(line_world: Callable
 class WideEdge(LineWorld):
     """Its perturbed models drop the object in cells below ``edge + 3``, and their random numbers are counted."""
 
-    def perturbed(self, relative_std: float, rng: np.random.Generator) -> WideEdge:
+    def perturbed(self, relative_std: float, turning_std: float, rng: np.random.Generator) -> WideEdge:
         rng.random()
         return WideEdge(self.goal, self.edge + 3)
 
@@ -241,6 +242,34 @@ def test_resampling_goes_on_while_the_best_rollout_drops_in_a_perturbed_model() 
     decision = planner(heuristic, n=1, h=1, num_perturbed_models=1, max_resamplings=4).plan(world, at(4), rng())
     assert [rollout.actions for rollout in decision.rollouts[:2]] == [(LEFT,), (LEFT,)]
     assert decision.action != LEFT and decision.rollouts[-1].robust_return is not None
+
+
+def test_perturbed_states_are_those_of_all_rollouts_of_a_decision() -> None:
+    """Common random numbers: every roll-out is judged from the same states, which are other ones in every decision."""
+    task = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 0, Split.TUNING, 1)
+    model = TransitionModel(task.scene, make_action_space("continuous"))
+    chosen = RecedingHorizon(
+        CraftedHeuristic("continuous", CostToGo()),
+        num_perturbed_models=2,
+        position_perturbation=0.01,
+        angle_perturbation=0.1,
+    )
+    root = chosen.heuristic.guide([task.scene], [task.state])
+    memory, generator = EpisodeMemory(), rng()
+    first = DecisionTask(model, task.state, generator, memory, root, chosen)
+    second = DecisionTask(model, task.state, generator, memory, root, chosen)
+    assert len({*first.perturbed_states, *second.perturbed_states, task.state}) == 5
+    for each in (first, second):
+        for candidate in each.first_candidates():
+            candidate.simulate()
+            candidate.value(0.0)
+        each.close_round()
+        while replays := each.contender():
+            assert [replay.state for replay in replays] == each.perturbed_states
+            for replay in replays:
+                replay.simulate()
+                replay.value(0.0)
+            each.judge(replays)
 
 
 def test_perturbed_models_are_drawn_once_per_episode() -> None:

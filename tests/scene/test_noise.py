@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +20,9 @@ from visualrhp.scene import (
     perturb,
     sample_task_instance,
 )
+from visualrhp.scene.noise import perturb_poses
 from visualrhp.streams import Split
+from visualrhp.types import Column, State, wrap_angle
 
 HEXAGON = 0.03 * np.stack([np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)], axis=1)
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
@@ -129,3 +132,33 @@ def test_no_noise_is_the_same_scene_and_a_seed_is_the_same_noise(scene: Scene) -
     for level in (-0.1, np.nan, np.inf):
         with pytest.raises(SceneError, match="negative"):
             perturb(scene, level, np.random.default_rng(0))
+
+
+# ------------------------------------------------------------------------- how the surface resists turning, and poses
+def test_turning_resistance_is_perturbed_apart(scene: Scene) -> None:
+    """Its noise does not change the other random numbers, and nothing but this factor."""
+    without = perturb(scene, 0.03, np.random.default_rng(2))
+    noisy = perturb(scene, 0.03, np.random.default_rng(2), turning_std=0.2)
+    for one, other in zip(without.objects, noisy.objects, strict=True):
+        assert replace(other, turning_resistance=1.0) == one and other.turning_resistance != 1.0
+    factors = [
+        perturb(scene, 0.0, np.random.default_rng(seed), turning_std=0.2).objects[0].turning_resistance
+        for seed in range(2000)
+    ]
+    assert np.mean(factors) == pytest.approx(1.0, abs=0.02) and np.std(factors) == pytest.approx(0.2, rel=0.06)
+    again = perturb(noisy, 0.03, np.random.default_rng(3))
+    assert [s.turning_resistance for s in again.objects] == [s.turning_resistance for s in noisy.objects]
+    with pytest.raises(SceneError, match="negative"):
+        perturb(scene, 0.0, np.random.default_rng(0), turning_std=-0.1)
+
+
+def test_only_the_poses_of_objects_are_perturbed() -> None:
+    state = State.create([0.1, 0.2, 3.0], 0.05, True, [[0.0, 0.1, 3.14], [0.2, -0.1, 0.0]])
+    rng = np.random.default_rng(0)
+    samples = np.array([perturb_poses(state, 0.004, 0.05, rng).vector for _ in range(4000)])
+    assert (samples[:, : Column.OBJECTS.start] == state.vector[: Column.OBJECTS.start]).all()
+    errors = samples[:, Column.OBJECTS].reshape(-1, 2, 3) - state.object_poses
+    errors[..., 2] = wrap_angle(errors[..., 2])
+    assert np.abs(samples[:, Column.OBJECTS_THETA]).max() <= np.pi
+    assert errors.std(axis=0) == pytest.approx(np.array([[0.004, 0.004, 0.05]] * 2), rel=0.05)
+    assert np.abs(errors.mean(axis=0) / (0.004, 0.004, 0.05)).max() < 0.08

@@ -54,7 +54,7 @@ def test_located_says_where_the_centre_of_mass_was() -> None:
     assert shape.outline + position == pytest.approx(np.array(BOX) + (0.3, -0.1))
 
 
-@pytest.mark.parametrize("parameter", ["density", "friction"])
+@pytest.mark.parametrize("parameter", ["density", "friction", "turning_resistance"])
 def test_parameters_must_be_positive(parameter: str) -> None:
     with pytest.raises(SceneError, match=parameter):
         ObjectShape(BOX, **{parameter: 0.0})

@@ -86,15 +86,16 @@ def test_sliding_distance(friction: float) -> None:
             assert distance == pytest.approx(0.5**2 / (2.0 * friction * 9.81), rel=0.02)
 
 
+@pytest.mark.parametrize("turning_resistance", [0.7, 1.0, 1.5])
 @pytest.mark.parametrize("outline", [BOX.outline, DISC.outline, HOOK.outline], ids=["box", "disc", "hook"])
-def test_spin_down(outline: np.ndarray) -> None:
-    """A spinning object stops after w^2 I / (2 tau), with tau the friction moment of its area."""
-    shape = ObjectShape(outline)
+def test_spin_down(outline: np.ndarray, turning_resistance: float) -> None:
+    """A spinning object stops after w^2 I / (2 tau), with tau the friction moment of its area times the factor."""
+    shape = ObjectShape(outline, turning_resistance=turning_resistance)
     _, angle = slide(shape, (0.0, 0.0), 20.0)
     rng = np.random.default_rng(0)
     points = rng.uniform(outline.min(axis=0), outline.max(axis=0), (40_000, 2))
     inside = points[shapely.contains_xy(shapely.Polygon(outline), points)]
-    torque = shape.friction * shape.mass * 9.81 * np.hypot(*inside.T).mean()
+    torque = turning_resistance * shape.friction * shape.mass * 9.81 * np.hypot(*inside.T).mean()
     assert angle == pytest.approx(20.0**2 * shape.moment_of_inertia / (2.0 * torque), rel=0.05)
 
 

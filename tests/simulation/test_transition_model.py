@@ -37,10 +37,10 @@ def test_pushing_over_the_edge_is_a_drop_even_at_the_goal() -> None:
 
 
 def test_a_perturbed_model_differs_in_its_objects_alone(model: TransitionModel) -> None:
-    perturbed = model.perturbed(0.1, np.random.default_rng(0))
+    perturbed = model.perturbed(0.1, 0.2, np.random.default_rng(0))
     assert perturbed.scene.target == model.scene.target and perturbed.action_space is model.action_space
     assert all(one != other for one, other in zip(perturbed.scene.objects, model.scene.objects, strict=True))
-    assert model.perturbed(0.1, np.random.default_rng(0)).scene == perturbed.scene
-    assert model.perturbed(0.0, np.random.default_rng(0)).scene == model.scene
+    assert model.perturbed(0.1, 0.2, np.random.default_rng(0)).scene == perturbed.scene
+    assert model.perturbed(0.0, 0.0, np.random.default_rng(0)).scene == model.scene
     free = state_with((0.0, 0.2), (0.1, 0.2))
     assert perturbed.simulate(free, 0).next_state == model.simulate(free, 0).next_state, "nothing is touched"

@@ -15,6 +15,7 @@ from visualrhp.planning.candidate import Candidate, KnownTransitions
 from visualrhp.planning.deadline import DecisionClock
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.planning.planner import Decision, PlanningModel, Rollout, RolloutOrigin, Timing
+from visualrhp.scene.noise import perturb_poses
 from visualrhp.simulation.rules import DISCOUNT
 from visualrhp.types import Action, State
 
@@ -45,6 +46,9 @@ class RecedingHorizonParameters:
         stop_at_goal: whether all roll-outs of a task end as soon as one of them reaches the goal.
         num_perturbed_models: k, number of perturbed models in which roll-outs are judged, too; 0 for the nominal alone.
         perturbation: relative standard deviation of the shapes, friction and density of their objects.
+        turning_perturbation: the same of the resistance of the surface to turning.
+        position_perturbation: standard deviation of the objects' x and y at the start of their roll-outs [m].
+        angle_perturbation: the same of the objects' angles [rad].
         judgement: return of a roll-out in these models and the nominal one: their ``mean``, or the ``worst``.
         name: in tables and figures; "RHP {n}x{h}" by default.
 
@@ -65,6 +69,9 @@ class RecedingHorizonParameters:
     stop_at_goal: bool = False
     num_perturbed_models: Index = 0
     perturbation: NonNegative = 0.05
+    turning_perturbation: NonNegative = 0.0
+    position_perturbation: NonNegative = 0.0
+    angle_perturbation: NonNegative = 0.0
     judgement: Literal["mean", "worst"] = "mean"
     name: str = ""
 
@@ -84,6 +91,7 @@ class DecisionTask:
         root: the guidance of this state alone.
         planner: the parameters.
         known: transitions that were simulated in this decision, in the nominal model and in the perturbed ones.
+        perturbed_states: the state as it might be, one for each perturbed model.
         growing: the roll-outs of the current round.
         rollouts: those of the closed rounds, and whether each is bad: chosen only if all are.
         num_failed_rounds: number of consecutive rounds after which even the best roll-out was bad.
@@ -96,6 +104,7 @@ class DecisionTask:
     root: Guidance
     planner: RecedingHorizonParameters
     known: list[KnownTransitions] = field(default_factory=list)
+    perturbed_states: list[State] = field(default_factory=list)
     growing: list[Candidate] = field(default_factory=list)
     rollouts: list[tuple[Rollout, bool]] = field(default_factory=list)
     num_failed_rounds: int = 0
@@ -104,8 +113,17 @@ class DecisionTask:
         planner, memory = self.planner, self.memory
         memory.enter(self.state)
         while len(memory.perturbed_models) < planner.num_perturbed_models:
-            memory.perturbed_models.append(self.model.perturbed(planner.perturbation, self.rng))
+            memory.perturbed_models.append(
+                self.model.perturbed(planner.perturbation, planner.turning_perturbation, self.rng)
+            )
+        self.perturbed_states = [self._perturbed_state() for _ in range(planner.num_perturbed_models)]
         self.known = [{} for _ in range(1 + planner.num_perturbed_models)]
+
+    def _perturbed_state(self) -> State:
+        position_std, angle_std = self.planner.position_perturbation, self.planner.angle_perturbation
+        if position_std == angle_std == 0.0:
+            return self.state
+        return perturb_poses(self.state, position_std, angle_std, self.rng)
 
     def first_candidates(self) -> list[Candidate]:
         """Begin the roll-outs of a round."""
@@ -162,8 +180,8 @@ class DecisionTask:
         actions = self.rollouts[best][0].actions
         models = self.memory.perturbed_models[: self.planner.num_perturbed_models]
         return [
-            Candidate(model, self.rng, known, self.state, actions[0], script=actions)
-            for model, known in zip(models, self.known[1:], strict=True)
+            Candidate(model, self.rng, known, state, actions[0], script=actions)
+            for model, known, state in zip(models, self.known[1:], self.perturbed_states, strict=True)
         ]
 
     def judge(self, replays: Sequence[Candidate]) -> None:

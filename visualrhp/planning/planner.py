@@ -44,8 +44,14 @@ class PlanningModel(Protocol):
         """Whether ``state`` is valid and has the desired object in the target region."""
         ...
 
-    def perturbed(self, relative_std: float, rng: np.random.Generator) -> PlanningModel:
-        """A model that differs from this one as the world might (robust look-ahead)."""
+    def perturbed(self, relative_std: float, turning_std: float, rng: np.random.Generator) -> PlanningModel:
+        """A model that differs from this one as the world might (robust look-ahead).
+
+        Args:
+            relative_std: standard deviation of shapes, friction and density, relative to their values.
+            turning_std: the same of the resistance of the surface to turning.
+            rng: source of the random numbers.
+        """
         ...
 
 

@@ -1,8 +1,9 @@
-"""Noise on the shape, friction and density of the objects: a world that differs from the model (paper, Sec. 8.2)."""
+"""Noise on the parameters of the objects and on their poses: a world that differs from the model (paper, Sec. 8.2)."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
 from visualrhp.scene.scene import ObjectShape, Scene
+from visualrhp.types import Column, State, wrap_angle
 
 NoiseLevel = Literal["none", "low", "medium", "high"]
 
@@ -19,24 +21,48 @@ NOISE_LEVELS: dict[NoiseLevel, float] = {"none": 0.0, "low": 0.01, "medium": 0.0
 _ATTEMPTS = 1000
 
 
-def perturb(scene: Scene, relative_std: float, rng: np.random.Generator) -> Scene:
+def perturb(scene: Scene, relative_std: float, rng: np.random.Generator, turning_std: float = 0.0) -> Scene:
     """Sample a scene whose objects' parameters are Gaussian around those of ``scene``.
 
     The distance of every vertex from the centre of mass, and the friction and density of every object, are sampled
-    independently, with a standard deviation of ``relative_std`` times the mean. Edges and target do not change; masses
-    follow. A convex outline stays convex: a vertex within the hull of the others is removed. Any other outline stays
-    simple: if it crosses itself or is too thin, its vertices are sampled again. The body frame moves with the centre of
-    mass, so that poses keep their meaning.
+    independently, with a standard deviation of ``relative_std`` times the mean; then its resistance to turning, with
+    ``turning_std`` (not in the paper). Edges and target do not change; masses follow. A convex outline stays convex: a
+    vertex within the hull of the others is removed. Any other outline stays simple: if it crosses itself or is too
+    thin, its vertices are sampled again. The body frame moves with the centre of mass, so that poses keep their meaning.
 
     Raises:
-        SceneError: ``relative_std`` is negative or not finite, or so large that no valid outline is found.
+        SceneError: a standard deviation is negative or not finite, or so large that no valid outline is found.
     """
-    if not (relative_std >= 0.0 and math.isfinite(relative_std)):
-        raise SceneError(f"the relative standard deviation of the noise is {relative_std}; it must not be negative")
-    if relative_std == 0.0:
+    for std in (relative_std, turning_std):
+        if not (std >= 0.0 and math.isfinite(std)):
+            raise SceneError(f"the relative standard deviation of the noise is {std}; it must not be negative")
+    objects = scene.objects
+    if relative_std > 0.0:
+        objects = tuple(_perturb_object(shape, relative_std, rng) for shape in objects)
+    if turning_std > 0.0:
+        objects = tuple(
+            replace(shape, turning_resistance=shape.turning_resistance * _positive_factor(turning_std, rng))
+            for shape in objects
+        )
+    if objects is scene.objects:
         return scene
-    objects = tuple(_perturb_object(shape, relative_std, rng) for shape in scene.objects)
     return Scene(scene.target, objects, scene.edges, scene.gripper)
+
+
+def perturb_poses(state: State, position_std: float, angle_std: float, rng: np.random.Generator) -> State:
+    """Sample a state whose objects' poses are Gaussian around those of ``state``, as a camera sees them.
+
+    Args:
+        state: the observed state.
+        position_std: of x and of y [m].
+        angle_std: [rad].
+        rng: source of the random numbers.
+    """
+    vector = state.vector.copy()
+    errors = rng.standard_normal((state.num_objects, 3)) * (position_std, position_std, angle_std)
+    vector[Column.OBJECTS] += errors.ravel()
+    vector[Column.OBJECTS_THETA] = wrap_angle(vector[Column.OBJECTS_THETA])
+    return State(vector)
 
 
 def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Generator) -> ObjectShape:
@@ -46,7 +72,8 @@ def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Gene
     for _ in range(_ATTEMPTS):
         outline = shape.outline * (1.0 + relative_std * rng.standard_normal((len(shape.outline), 1)))
         try:
-            return ObjectShape.centred(geometry.convex_hull(outline) if convex else outline, density, friction)
+            centred = ObjectShape.centred(geometry.convex_hull(outline) if convex else outline, density, friction)
+            return replace(centred, turning_resistance=shape.turning_resistance)
         except SceneError:  # not a simple polygon, or too thin: sample its vertices again
             continue
     raise SceneError(f"noise of relative standard deviation {relative_std} leaves no valid outline of an object")

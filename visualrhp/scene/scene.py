@@ -48,15 +48,17 @@ class ObjectShape:
         outline: [V, 2] vertices [m] in the body frame, whose origin is the centre of mass; counter-clockwise.
         density: mass per area [kg/m^2].
         friction: Coulomb coefficient against the surface, and of its contacts.
+        turning_resistance: torque with which the surface resists turning, relative to that of uniform pressure.
 
     Raises:
         SceneError: the outline is degenerate (see :func:`visualrhp.scene.polygons.polygon_fault`) or not centred, or
-            density or friction is not positive.
+            density, friction or turning_resistance is not positive.
     """
 
     outline: FloatArray
     density: float = 1.0
     friction: float = 0.3
+    turning_resistance: float = 1.0
 
     def __post_init__(self) -> None:
         outline = checked_polygon(self.outline, "an object's outline", solid=True)
@@ -66,7 +68,7 @@ class ObjectShape:
                 f"an object's outline has its centre of mass at {centre.tolist()}, not at the origin of its frame; "
                 "ObjectShape.centred moves it there"
             )
-        for name in ("density", "friction"):
+        for name in ("density", "friction", "turning_resistance"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise SceneError(f"an object's {name} must be positive, not {getattr(self, name)}")
         object.__setattr__(self, "outline", outline)
@@ -147,15 +149,17 @@ class ObjectShape:
 
     @cached_property
     def friction_lever(self) -> float:
-        """Mean distance of the area from the centre of mass [m]: friction torque over friction force under uniform
-        pressure."""
-        return geometry.first_moment_of_distance(self.outline) / self.area
+        """Friction torque over friction force [m]: under uniform pressure, the mean distance of the area from the
+        centre of mass."""
+        return self.turning_resistance * geometry.first_moment_of_distance(self.outline) / self.area
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, ObjectShape)
             and np.array_equal(self.outline, other.outline)
-            and (self.density, self.friction) == (other.density, other.friction)
+            and self.density == other.density
+            and self.friction == other.friction
+            and self.turning_resistance == other.turning_resistance
         )
 
 

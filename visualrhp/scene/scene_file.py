@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -308,8 +308,9 @@ def _placed_object(entry: ObjectFields) -> tuple[ObjectShape, FloatArray]:
     """An object's shape, and the pose [3] of its centre of mass in the world frame."""
     outline, pose = np.array(entry.outline, dtype=np.float64), np.array(entry.pose, dtype=np.float64)
     if np.abs(geometry.centroid(outline)).max() <= CENTRE_TOLERANCE:
-        return ObjectShape(outline, entry.density, entry.friction), pose
+        return ObjectShape(outline, entry.density, entry.friction, entry.turning_resistance), pose
     shape, centre = ObjectShape.located(outline, entry.density, entry.friction)
+    shape = replace(shape, turning_resistance=entry.turning_resistance)
     return shape, np.array([*geometry.to_world(centre, pose), pose[2]])
 
 
@@ -338,6 +339,7 @@ def _content(instance: TaskInstance) -> dict[str, Any]:
                 "pose": pose.tolist(),
                 "density": float(shape.density),
                 "friction": float(shape.friction),
+                "turning_resistance": float(shape.turning_resistance),
             }
             for shape, pose in zip(scene.objects, state.object_poses, strict=True)
         ],

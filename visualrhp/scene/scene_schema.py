@@ -64,6 +64,10 @@ class ObjectFields(Fields):
     friction: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] = Field(
         ObjectShape.friction, description="Coulomb coefficient"
     )
+    turning_resistance: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] = Field(
+        ObjectShape.turning_resistance,
+        description="torque with which the surface resists turning, relative to that of uniform pressure",
+    )
 
 
 class GripperFields(Fields):

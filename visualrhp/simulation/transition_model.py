@@ -45,9 +45,10 @@ class TransitionModel:
             is_dropped=dropped,
         )
 
-    def perturbed(self, relative_std: float, rng: np.random.Generator) -> TransitionModel:
-        """A model with perturbed shapes, friction and density (:func:`visualrhp.scene.noise.perturb`)."""
-        return TransitionModel(perturb(self.scene, relative_std, rng), self.action_space, self.simulator.physics)
+    def perturbed(self, relative_std: float, turning_std: float, rng: np.random.Generator) -> TransitionModel:
+        """A model with perturbed objects (:func:`visualrhp.scene.noise.perturb`)."""
+        scene = perturb(self.scene, relative_std, rng, turning_std)
+        return TransitionModel(scene, self.action_space, self.simulator.physics)
 
     def advance(self, state: State, action: Action) -> State:
         """Return only the next state; errors as :meth:`simulate`."""
