@@ -22,7 +22,9 @@ def main() -> int:
     )
     parser.add_argument("sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all by default")
     parser.add_argument("--quick", action="store_true", help="few repetitions, to check that it works")
-    parser.add_argument("--instances", type=int, help="task instances per number of objects, for rrt and rrt_ompl")
+    parser.add_argument(
+        "--instances", type=int, help="task instances per number of objects, for rrt, rrt_ompl and box2d"
+    )
     parser.add_argument("--time-limit", type=float, metavar="S", help="of a search, for rrt and rrt_ompl [s]")
     options = parser.parse_args()
     unknown = [name for name in options.sections if name not in SECTIONS]

@@ -17,6 +17,7 @@ SECTIONS = (
     "planning",
     "rrt",
     "rrt_ompl",
+    "box2d",
     "training",
     "command_line",
     "peers",

@@ -28,7 +28,8 @@ def perturb(scene: Scene, relative_std: float, rng: np.random.Generator, turning
     independently, with a standard deviation of ``relative_std`` times the mean; then its resistance to turning, with
     ``turning_std`` (not in the paper). Edges and target do not change; masses follow. A convex outline stays convex: a
     vertex within the hull of the others is removed. Any other outline stays simple: if it crosses itself or is too
-    thin, its vertices are sampled again. The body frame moves with the centre of mass, so that poses keep their meaning.
+    thin, its vertices are sampled again. The body frame moves with the centre of mass, so that poses keep their
+    meaning.
 
     Raises:
         SceneError: a standard deviation is negative or not finite, or so large that no valid outline is found.
