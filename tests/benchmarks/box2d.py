@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import itertools
 
@@ -11,9 +12,10 @@ import numpy as np
 from pipelines.config import EvaluateConfig
 from pipelines.planners import build_planner
 from pipelines.workflow.app import compose
-from tests.benchmarks.timing import Effort, show_title
+from tests.benchmarks.timing import Effort
 from visualrhp.evaluation.metrics import wilson_interval
 from visualrhp.execution import EpisodeResult, run_episode
+from visualrhp.planning import Planner
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
 from visualrhp.streams import Split, Stream, generator_for
@@ -24,21 +26,19 @@ LAWS = ("crude", "close")
 NUM_OBJECTS = (1, 4, 7)
 SEED = 7919
 PLANNERS = {
-    "VisualRHP 3x3 (Algorithm 1)": ["planner=visual_rhp"],
-    "K.RRT closed loop": ["planner=closed_loop_krrt"],
-    "VisualRHP+ without robust look-ahead": ["planner=visual_rhp_plus", "planner.num_perturbed_models=0"],
-    "VisualRHP+": ["planner=visual_rhp_plus"],
+    "VisualRHP 3x3 (Algorithm 1)": ("planner=visual_rhp",),
+    "K.RRT closed loop": ("planner=closed_loop_krrt",),
+    "VisualRHP+ without robust look-ahead": ("planner=visual_rhp_plus", "planner.num_perturbed_models=0"),
+    "VisualRHP+": ("planner=visual_rhp_plus",),
 }
 """And the overrides of their configuration."""
 
 
-def run(effort: Effort, planners: dict[str, list[str]] = PLANNERS) -> None:
+def run(effort: Effort, planners: dict[str, tuple[str, ...]] = PLANNERS) -> None:
     if importlib.util.find_spec("Box2D") is None:
         print('\nBox2D is not installed: this section is skipped. Install it with pip install -e ".[box2d]"')
         return
-    show_title(
-        f"The same world in Box2D, {effort.instances} tasks with each of {NUM_OBJECTS} objects, released networks"
-    )
+    print(f"\nThe same world in Box2D, {effort.instances} tasks with each of {NUM_OBJECTS} objects, released networks")
     tasks = list(itertools.product(NUM_OBJECTS, range(effort.instances)))
     with joblib.Parallel(n_jobs=-1) as parallel:
         for space, name in itertools.product(SPACES, planners):
@@ -53,14 +53,21 @@ def run(effort: Effort, planners: dict[str, list[str]] = PLANNERS) -> None:
             print(f"{space:<11}{name:<38}{'; '.join(cells)}", flush=True)
 
 
-def run_in_box2d(overrides: list[str], space: ActionSpaceName, law: str, num_objects: int, index: int) -> EpisodeResult:
+def run_in_box2d(
+    overrides: tuple[str, ...], space: ActionSpaceName, law: str, num_objects: int, index: int
+) -> EpisodeResult:
     """One episode; the planner's model is the project's simulator."""
     from tests.benchmarks.box2d_world import Box2DWorld
 
-    config = compose("evaluate", EvaluateConfig, [f"action_space={space}", *overrides])
-    planner = build_planner(config.planner, space, "pretrained", num_objects)
+    planner = _planner(overrides, space, num_objects)
     instance = sample_task_instance(SceneDistribution(num_objects=num_objects), SEED, Split.EVALUATION, index)
     action_space = make_action_space(space)
     world = Box2DWorld(instance, action_space, law)  # pyright: ignore[reportArgumentType]
     rng = generator_for(SEED, Split.EVALUATION, index, Stream.PLANNER)
     return run_episode(planner, world, TransitionModel(instance.scene, action_space), rng)
+
+
+@functools.cache
+def _planner(overrides: tuple[str, ...], space: ActionSpaceName, num_objects: int) -> Planner:
+    config = compose("evaluate", EvaluateConfig, [f"action_space={space}", *overrides])
+    return build_planner(config.planner, space, "pretrained", num_objects)

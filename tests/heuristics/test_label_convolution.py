@@ -34,14 +34,15 @@ def test_values_and_gradients_are_those_of_the_plain_convolution(kind: str) -> N
     labels = {"blobs": blobs(generator), "images": real_images(), "uniform": uniform}[kind]
     upstream = torch.randn(len(labels), 8, 16, 16, generator=generator, dtype=torch.float64)
     gradients = []
-    outputs = [layer(labels), PlainLabelConvolution(layer)(labels)]
+    outputs = [layer(labels), layer.plain(labels), PlainLabelConvolution(layer)(labels)]
     for output in outputs:
         layer.zero_grad()
         output.backward(upstream)
         gradients.append([parameter.grad for parameter in layer.parameters()])
-    torch.testing.assert_close(outputs[0], outputs[1], rtol=1e-6, atol=1e-6)
-    for fast, slow in zip(*gradients, strict=True):
-        torch.testing.assert_close(fast, slow, rtol=1e-5, atol=1e-5)
+    for output, gradient in zip(outputs[:2], gradients[:2], strict=True):
+        torch.testing.assert_close(output, outputs[2], rtol=1e-6, atol=1e-6)
+        for ours, expected in zip(gradient, gradients[2], strict=True):
+            torch.testing.assert_close(ours, expected, rtol=1e-5, atol=1e-5)
 
 
 def test_large_batches_are_the_same_images_one_by_one() -> None:

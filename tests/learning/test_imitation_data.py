@@ -58,28 +58,37 @@ def test_whole_demonstrations_are_held_out() -> None:
 
 @pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
 @pytest.mark.parametrize("action_space", ["discrete", "continuous"])
-def test_mirroring_twice_is_the_identity_and_other_rows_are_unchanged(action_space: str, observe: Observation) -> None:
+def test_mirrored_pairs_are_those_of_the_mirrored_scene(action_space: str, observe: Observation) -> None:
     pairs = data_of(action_space, observe)
-    data = pairs[torch.arange(len(pairs))]
-    rows = torch.arange(len(pairs)) % 2 == 0
-    once = data.mirrored(rows, pairs.observation)
-    assert torch.equal(once.observation[~rows], data.observation[~rows])
-    assert not torch.equal(once.observation[rows], data.observation[rows])
-    assert torch.equal(once.action[~rows], data.action[~rows])
-    assert not torch.equal(once.action[rows], data.action[rows])
-    twice = once.mirrored(rows, pairs.observation)
-    assert torch.equal(twice.observation, data.observation)
-    assert torch.equal(twice.action, data.action)
+    every = torch.arange(len(pairs))
+    plain, rows = pairs[every], every % 2 == 0
+    mirrored = pairs.batch(every, rows)
+    assert torch.equal(mirrored.observation[~rows], plain.observation[~rows])
+    assert torch.equal(mirrored.action[~rows], plain.action[~rows])
+    expected = observe.mirror(plain.observation[rows].numpy())
+    np.testing.assert_array_equal(mirrored.observation[rows].numpy(), expected)
+    assert not torch.equal(mirrored.observation[rows], plain.observation[rows])
+    space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
+    actions = [space.mirror(a if a.ndim else int(a)) for a in plain.action[rows].numpy()]
+    np.testing.assert_allclose(mirrored.action[rows].numpy(), np.array(actions), rtol=1e-6)
 
 
-def test_mirrored_actions_are_those_of_the_action_space() -> None:
-    for action_space in ("discrete", "continuous"):
-        pairs = data_of(action_space, CARTESIAN)
-        data = pairs[torch.arange(len(pairs))]
-        mirrored = data.mirrored(torch.ones(len(pairs), dtype=torch.bool), pairs.observation)
-        space = make_action_space(action_space)  # pyright: ignore[reportArgumentType]
-        expected = [space.mirror(a if a.ndim else int(a)) for a in data.action.numpy()]
-        np.testing.assert_allclose(mirrored.action.numpy(), np.array(expected), rtol=1e-6)
+@pytest.mark.parametrize("observe", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
+@pytest.mark.parametrize("action_space", ["discrete", "continuous"])
+def test_resident_pairs_are_the_same(action_space: str, observe: Observation) -> None:
+    """On the CPU, too, where nothing but the test asks for it."""
+    pairs = data_of(action_space, observe)
+    resident = pairs.resident(torch.device("cpu"))
+    assert resident.unpacked is not None and len(resident) == len(pairs)
+    rows = torch.tensor([3, 0, 5])
+    for mirror in (None, torch.tensor([True, False, True])):
+        for one, other in zip(
+            vars(pairs.batch(rows, mirror)).values(), vars(resident.batch(rows, mirror)).values(), strict=True
+        ):
+            assert (one is None and other is None) or torch.equal(one, other)
+    seeds = (torch.Generator().manual_seed(0), torch.Generator().manual_seed(0))
+    for one, other in zip(pairs.split(0.3, seeds[0]), resident.split(0.3, seeds[1]), strict=True):
+        assert torch.equal(one, other)
 
 
 def test_the_held_out_demonstrations_depend_on_the_generator() -> None:

@@ -64,7 +64,7 @@ class ImitationLearner:
         self.history: list[Metrics] = []
         self._device = next(network.parameters()).device
         self._generator = torch.Generator().manual_seed(TrainingStream.IMITATION.seed(seed))
-        self._data = data
+        self._data = data if self._device.type == "cpu" else data.resident(self._device)
         self._training, self._validation = data.split(config.validation_fraction, self._generator)
         # The gradient of l2 ||w||^2 is 2 l2 w.
         decay = 2.0 * config.l2_regularization
@@ -119,19 +119,17 @@ class ImitationLearner:
         self.network.train()
         order = torch.randperm(len(self._training), generator=self._generator)
         batches = order.split(self.config.batch_size)
-        sums: dict[str, float] = {}
+        sums = _WeightedMeans()
         for number, rows in enumerate(batches):
-            batch = self._data[self._training[rows]]
-            if self.config.mirror:
-                batch = batch.mirrored(torch.rand(len(rows), generator=self._generator) < 0.5, self._data.observation)
+            mirror = torch.rand(len(rows), generator=self._generator) < 0.5 if self.config.mirror else None
+            batch = self._data.batch(self._training[rows], mirror)
             self._set_learning_rate(self.epoch * len(batches) + number, self.config.epochs * len(batches))
             loss, terms = self._loss(batch)
             self._optimizer.zero_grad()
             loss.backward()
             self._optimizer.step()
-            for name, term in {"loss": loss.detach(), **terms}.items():
-                sums[name] = sums.get(name, 0.0) + float(term) * len(rows)
-        return {name: value / len(self._training) for name, value in sums.items()}
+            sums.add({"loss": loss.detach(), **terms}, len(rows))
+        return sums.means()
 
     def _set_learning_rate(self, step: int, num_steps: int) -> None:
         decay = 0.5 * (1.0 + math.cos(math.pi * step / num_steps)) if self.config.lr_schedule == "cosine" else 1.0
@@ -166,21 +164,44 @@ class ImitationLearner:
     def _validate(self) -> Metrics:
         """Loss terms, and prediction errors of value and action, of the held-out pairs."""
         self.network.eval()
-        sums: dict[str, float] = {}
+        sums = _WeightedMeans()
         with torch.inference_mode():
             for rows in self._validation.split(self.config.batch_size):
                 batch = self._data[rows]
                 loss, terms = self._loss(batch)
                 outputs = self._outputs(batch)
                 if isinstance(self.config, QImitationConfig):
-                    predicted = outputs.gather(1, batch.action[:, None].to(self._device)).squeeze(1)
-                    agreement = (outputs.argmax(dim=1).cpu() == batch.action).float().mean()
+                    action = batch.action.to(self._device)
+                    predicted = outputs.gather(1, action[:, None]).squeeze(1)
+                    agreement = (outputs.argmax(dim=1) == action).float().mean()
                     terms = {**terms, "agreement": agreement}
                 else:
                     predicted = outputs[2]
-                terms = {"loss": loss, **terms, "value_mse": (predicted.cpu() - batch.returns).square().mean()}
-                for name, term in terms.items():
-                    sums[name] = sums.get(name, 0.0) + float(term) * len(rows)
-        metrics = {name: value / len(self._validation) for name, value in sums.items()}
+                value_mse = (predicted - batch.returns.to(self._device)).square().mean()
+                sums.add({"loss": loss, **terms, "value_mse": value_mse}, len(rows))
+        metrics = sums.means()
         metrics["value_rmse"] = math.sqrt(metrics.pop("value_mse"))
         return metrics
+
+
+class _WeightedMeans:
+    """Means of loss terms over minibatches, weighted by their size; does not wait for the device before the end."""
+
+    def __init__(self) -> None:
+        self._terms: dict[str, list[torch.Tensor]] = {}
+        self._sizes: list[int] = []
+
+    def add(self, terms: Mapping[str, torch.Tensor], size: int) -> None:
+        """Add the terms of a minibatch."""
+        self._sizes.append(size)
+        for name, term in terms.items():
+            self._terms.setdefault(name, []).append(term)
+
+    def means(self) -> Metrics:
+        """The means so far."""
+        total = sum(self._sizes)
+        return {
+            name: sum(value * size for value, size in zip(torch.stack(terms).tolist(), self._sizes, strict=True))
+            / total
+            for name, terms in self._terms.items()
+        }

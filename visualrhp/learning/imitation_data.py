@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -47,18 +47,6 @@ class ImitationBatch:
     is_target: torch.Tensor | None = None
     is_valued: torch.Tensor | None = None
 
-    def mirrored(self, rows: torch.Tensor, observation: Observation) -> ImitationBatch:
-        """The same pairs, with those in the mask ``rows`` [B] mirrored."""
-        parts = dict(vars(self))
-        mirror = torch.from_numpy(np.ascontiguousarray(observation.mirror(self.observation.numpy())))
-        mask = rows.view(-1, *[1] * (mirror.dim() - 1))
-        parts["observation"] = torch.where(mask, mirror, self.observation)
-        if self.action.dim() == 1:
-            parts["action"] = torch.where(rows, _MIRRORED_DISCRETE[self.action], self.action)
-        else:
-            parts["action"] = torch.where(rows[:, None], self.action * _MIRRORED_CONTINUOUS, self.action)
-        return ImitationBatch(**parts)
-
 
 @dataclass(frozen=True)
 class ImitationData:
@@ -74,6 +62,8 @@ class ImitationData:
         demonstration: [T] int32, number of the demonstration of each pair.
         is_target: [T] bool, pairs whose action the policy learns; None for all.
         is_valued: [T] bool, pairs whose return the value learns; None for all.
+        unpacked: the observations and those of the mirrored scenes [T, ...] each, unpacked on the device of the
+            tensors (:meth:`resident`); None if a batch is unpacked when it is used.
     """
 
     observation: Observation
@@ -85,6 +75,7 @@ class ImitationData:
     demonstration: torch.Tensor
     is_target: torch.Tensor | None = None
     is_valued: torch.Tensor | None = None
+    unpacked: tuple[torch.Tensor, torch.Tensor] | None = None
 
     @classmethod
     def from_demonstrations(
@@ -130,21 +121,53 @@ class ImitationData:
     def __len__(self) -> int:
         return len(self.returns)
 
+    def resident(self, device: torch.device) -> ImitationData:
+        """The same pairs in the memory of ``device``, where a batch needs no transfer: 8 kB per label image."""
+        observations = self.observations[np.arange(len(self))]
+        unpacked = [torch.from_numpy(each).to(device) for each in (observations, self._mirror(observations))]
+        tensors = {name: part.to(device) for name, part in vars(self).items() if isinstance(part, torch.Tensor)}
+        return replace(self, unpacked=(unpacked[0], unpacked[1]), **tensors)
+
     def __getitem__(self, rows: torch.Tensor) -> ImitationBatch:
-        """Unpack the pairs with the indices ``rows`` [B]."""
+        """The pairs with the indices ``rows`` [B]."""
+        return self.batch(rows)
+
+    def batch(self, rows: torch.Tensor, mirror: torch.Tensor | None = None) -> ImitationBatch:
+        """The pairs with the indices ``rows`` [B]; those in the mask ``mirror`` [B] mirrored."""
+        device = self.returns.device
+        rows = rows.to(device, non_blocking=True)
+        mirror = None if mirror is None else mirror.to(device, non_blocking=True)
+        action = self.action[rows]
+        if mirror is not None and action.dim() == 1:
+            action = torch.where(mirror, _MIRRORED_DISCRETE.to(device)[action], action)
+        elif mirror is not None:
+            action = torch.where(mirror[:, None], action * _MIRRORED_CONTINUOUS.to(device), action)
         return ImitationBatch(
-            observation=torch.from_numpy(self.observations[rows.numpy()]),
+            observation=self._observations(rows, mirror),
             gripper_closed=self.gripper_closed[rows],
-            action=self.action[rows],
+            action=action,
             returns=self.returns[rows],
             steps_to_go=self.steps_to_go[rows].to(torch.int64),
             is_target=None if self.is_target is None else self.is_target[rows],
             is_valued=None if self.is_valued is None else self.is_valued[rows],
         )
 
+    def _observations(self, rows: torch.Tensor, mirror: torch.Tensor | None) -> torch.Tensor:
+        if self.unpacked is not None:
+            found, mirrored = (each[rows] for each in self.unpacked)
+        else:
+            observations = self.observations[rows.numpy()]
+            found = torch.from_numpy(observations)
+            mirrored = found if mirror is None else torch.from_numpy(self._mirror(observations))
+        return found if mirror is None else torch.where(mirror.view(-1, *[1] * (found.dim() - 1)), mirrored, found)
+
+    def _mirror(self, observations: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(self.observation.mirror(observations))
+
     def split(self, fraction: float, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """Indices of training and held-out pairs; whole demonstrations are held out, ``fraction`` of them."""
-        numbers = torch.unique(self.demonstration)
+        demonstration = self.demonstration.cpu()
+        numbers = torch.unique(demonstration)
         order = torch.randperm(len(numbers), generator=generator)
-        held_out = torch.isin(self.demonstration, numbers[order[: round(fraction * len(numbers))]])
+        held_out = torch.isin(demonstration, numbers[order[: round(fraction * len(numbers))]])
         return torch.nonzero(~held_out)[:, 0], torch.nonzero(held_out)[:, 0]
