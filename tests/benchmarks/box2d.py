@@ -30,6 +30,13 @@ PLANNERS = {
     "K.RRT closed loop": ("planner=closed_loop_krrt",),
     "VisualRHP+ without robust look-ahead": ("planner=visual_rhp_plus", "planner.num_perturbed_models=0"),
     "VisualRHP+": ("planner=visual_rhp_plus",),
+    "with models perturbed by 5%": ("planner=visual_rhp_plus", "planner.perturbation=0.05"),
+    "with turning perturbed by 50%": ("planner=visual_rhp_plus", "planner.turning_perturbation=0.5"),
+    "with poses perturbed by 1 cm, 6 degrees": (
+        "planner=visual_rhp_plus",
+        "planner.position_perturbation=0.01",
+        "planner.angle_perturbation=0.1",
+    ),
 }
 """And the overrides of their configuration."""
 
@@ -50,7 +57,7 @@ def run(effort: Effort, planners: dict[str, tuple[str, ...]] = PLANNERS) -> None
                 rate = wilson_interval(len(done), len(results))
                 actions = np.mean(done) if done else np.nan
                 cells.append(f"{law} {rate.value:.1%} ({rate.low:.0%}-{rate.high:.0%}), {actions:.1f} actions")
-            print(f"{space:<11}{name:<38}{'; '.join(cells)}", flush=True)
+            print(f"{space:<11}{name:<42}{'; '.join(cells)}", flush=True)
 
 
 def run_in_box2d(

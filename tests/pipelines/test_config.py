@@ -178,6 +178,7 @@ OPTIONS = {
     "prior_weight": 0.3,
     "stop_at_goal": True,
     "num_perturbed_models": 2,
+    "perturbation": 0.15,
 }
 """Of ``visual_rhp_plus``; ``visual_rhp`` is Algorithm 1 as written, without them."""
 
