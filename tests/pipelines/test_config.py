@@ -29,7 +29,12 @@ from pipelines.config import (
     VerifyDemosConfig,
     suite_overrides,
 )
+from pipelines.planners import parameters_of
 from pipelines.workflow.app import CONFIG_FOLDER, compose
+from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
+from visualrhp.planning import RecedingHorizon
+from visualrhp.planning.decision_task import RecedingHorizonParameters
+from visualrhp.planning.receding_horizon import PLUS_OPTIONS
 
 SCHEMAS: dict[str, type[PipelineConfig]] = {
     "generate_demos": GenerateDemosConfig,
@@ -169,25 +174,12 @@ def test_the_planners_are_those_of_the_paper() -> None:
 
 
 # -------------------------------------------------- agreement with the library
-OPTIONS = {
-    "warm_start": True,
-    "follow_mode": True,
-    "max_resamplings": 4,
-    "avoid_visited": True,
-    "distinct_actions": True,
-    "prior_weight": 0.3,
-    "stop_at_goal": True,
-    "num_perturbed_models": 2,
-    "perturbation": 0.15,
-}
-"""Of ``visual_rhp_plus``; ``visual_rhp`` is Algorithm 1 as written, without them."""
-
 OTHER_THAN_THE_DEFAULT = {
     ("ActorCriticImitationLearnerConfig", "return_unit"): "a departure of the ledger",
     ("QImitationLearnerConfig", "l2_regularization"): "the paper does not state its value (Eq. 3)",
     ("CraftedHeuristicRHP", "num_rollouts"): "8x4 (Sec. 7.5)",
     ("CraftedHeuristicRHP", "horizon"): "8x4 (Sec. 7.5)",
-    **{("VisualRHP+", name): "VisualRHP+ has the options" for name in OPTIONS},
+    **{("VisualRHP+", name): "VisualRHP+ has the options" for name in PLUS_OPTIONS},
     ("K.RRT closed loop", "max_simulations"): "a budget for every action, not for a plan",
     ("dhRRT", "max_simulations"): "a budget for every action, not for a plan",
 }
@@ -229,6 +221,13 @@ def test_conf_has_the_defaults_of_the_library_at_the_scale_of_the_paper(pipeline
                 assert (getattr(value, field.name) != field.default) == bool(expected), f"{value}.{field.name}"
                 compared += 1
     assert compared > 20
+
+
+def test_visual_rhp_plus_is_the_planner_of_the_library() -> None:
+    config = compose("evaluate", EvaluateConfig, ["planner=visual_rhp_plus"]).planner
+    assert isinstance(config, RecedingHorizonConfig)
+    ours = RecedingHorizon.plus(CraftedHeuristic("continuous", CostToGo()))
+    assert parameters_of(config, RecedingHorizonParameters) == parameters_of(ours, RecedingHorizonParameters)
 
 
 # -------------------------------------------------- nothing is unused

@@ -72,9 +72,7 @@ def test_a_network_is_loaded_in_one_line_without_torch() -> None:
 
 @pytest.mark.parametrize(("space", "most_actions"), [("continuous", 6.0), ("discrete", 15.0)])
 def test_visualrhp_plus_is_skilled_with_the_best_networks(space: ActionSpaceName, most_actions: float) -> None:
-    planner = RecedingHorizon(
-        load_pretrained(space), warm_start=True, follow_mode=True, max_resamplings=4, avoid_visited=True
-    )
+    planner = RecedingHorizon.plus(load_pretrained(space))
     results = []
     for index in range(30):
         task = sample_task_instance(SceneDistribution(num_objects=(1, 7)), 11, Split.TUNING, index)

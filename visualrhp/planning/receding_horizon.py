@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,6 +17,21 @@ from visualrhp.planning.decision_task import DecisionTask, RecedingHorizonParame
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.planning.planner import Decision, Planner, PlanningModel, Policy
 from visualrhp.types import State
+
+PLUS_OPTIONS: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "warm_start": True,
+        "follow_mode": True,
+        "max_resamplings": 4,
+        "avoid_visited": True,
+        "distinct_actions": True,
+        "prior_weight": 0.3,
+        "stop_at_goal": True,
+        "num_perturbed_models": 2,
+        "perturbation": 0.15,
+    }
+)
+"""The best setting of the options beyond the paper (docs/planning.md), as in ``conf/planner/visual_rhp_plus.yaml``."""
 
 
 @parameters
@@ -68,6 +85,11 @@ class RecedingHorizon(RecedingHorizonParameters, Planner):
 
     heuristic: SkipValidation[Heuristic]
     clock: SkipValidation[Callable[[], float]] = field(default=time.perf_counter, kw_only=True, repr=False)
+
+    @classmethod
+    def plus(cls, heuristic: Heuristic, **options: Any) -> RecedingHorizon:
+        """VisualRHP+: with :data:`PLUS_OPTIONS`, and other parameters as given."""
+        return cls(heuristic, **{"name": "VisualRHP+", **PLUS_OPTIONS, **options})
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
         memory = EpisodeMemory()
