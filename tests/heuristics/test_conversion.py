@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 import torch
 
+from visualrhp.errors import ConfigError
 from visualrhp.heuristics.checkpoint import load_heuristic
-from visualrhp.heuristics.conversion import heuristic_of, load_network, save_heuristic
+from visualrhp.heuristics.conversion import (
+    average_networks,
+    heuristic_of,
+    load_network,
+    save_heuristic,
+    weights_of,
+)
 from visualrhp.heuristics.networks import make_network
 from visualrhp.heuristics.tensor_file import read_tensor_file
 from visualrhp.observation import Observation, make_observation
@@ -53,3 +60,27 @@ def test_file_holds_nothing_but_weights(tmp_path: Path) -> None:
     save_heuristic(path, network)
     tensors, _ = read_tensor_file(path)
     assert set(tensors) == {name for name, _ in network.named_parameters()}
+
+
+@pytest.mark.parametrize("function", [IMAGE, CARTESIAN], ids=["image", "cartesian"])
+@pytest.mark.parametrize("action_space", ["discrete", "continuous"])
+def test_the_average_has_the_mean_weights(action_space: str, function: Observation) -> None:
+    networks = [make_network(action_space, function) for _ in range(3)]
+    shares = [0.5, 0.3, 0.2]
+    averaged = weights_of(average_networks(networks, shares))
+    weights = [weights_of(network) for network in networks]
+    for name, values in averaged.items():
+        expected = sum(share * each[name] for share, each in zip(shares, weights, strict=True))
+        np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-6)
+    for name, values in weights_of(average_networks(networks, [0.0, 1.0, 0.0])).items():
+        np.testing.assert_array_equal(values, weights[1][name])
+
+
+def test_what_cannot_be_averaged() -> None:
+    network = make_network("discrete", IMAGE)
+    for networks, shares in (([], []), ([network], [0.5]), ([network, network], [1.0])):
+        with pytest.raises(ConfigError, match="one per network, sum 1"):
+            average_networks(networks, shares)
+    for other in (make_network("continuous", IMAGE), make_network("discrete", CARTESIAN)):
+        with pytest.raises(ConfigError, match="cannot be averaged"):
+            average_networks([network, other], [0.5, 0.5])

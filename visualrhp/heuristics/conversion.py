@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy.typing as npt
 import torch
 from torch import nn
 
+from visualrhp.errors import ConfigError
 from visualrhp.heuristics.checkpoint import StoredNetwork, other_architecture, read_network, write_network
 from visualrhp.heuristics.learned import DEFAULT_TEMPERATURE, LearnedHeuristic
 from visualrhp.heuristics.networks import ActorCritic, QNetwork, make_network
@@ -53,3 +55,35 @@ def load_network(
     except RuntimeError as error:
         raise other_architecture(path, error) from error
     return network, stored.card
+
+
+def average_networks(networks: Sequence[QNetwork | ActorCritic], shares: Sequence[float]) -> QNetwork | ActorCritic:
+    """Average the weights of networks with a common origin.
+
+    A network that was trained further, averaged with the one before, often keeps most of what it gained and loses
+    little of what it had (Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022).
+
+    Args:
+        networks: of the same action space and observation.
+        shares: of each network; they add up to 1.
+
+    Raises:
+        ConfigError: there are no networks, they differ in action space or observation, or the shares do not fit.
+    """
+    if not networks or len(shares) != len(networks) or not math.isclose(sum(shares), 1.0):
+        raise ConfigError(
+            f"{len(networks)} networks cannot be averaged with the shares {list(shares)}: one per network, sum 1"
+        )
+    first = networks[0]
+    for network in networks:
+        if (network.action_space, network.observation) != (first.action_space, first.observation):
+            raise ConfigError(
+                f"networks of {first.action_space}, {first.observation}, and of {network.action_space}, "
+                f"{network.observation}, cannot be averaged"
+            )
+    averaged = make_network(first.action_space, first.observation)
+    states = [network.state_dict() for network in networks]
+    averaged.load_state_dict(
+        {name: sum(share * state[name] for share, state in zip(shares, states, strict=True)) for name in states[0]}
+    )
+    return averaged
