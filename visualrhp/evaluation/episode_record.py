@@ -40,6 +40,7 @@ def _decision_record(timed: TimedDecision) -> dict[str, Any]:
                 "value_estimate": _finite(rollout.value_estimate),
                 "total_return": _finite(rollout.total_return),
                 "origin": rollout.origin,
+                "prior": _finite(rollout.prior),
                 "robust_return": None if rollout.robust_return is None else _finite(rollout.robust_return),
             }
             for rollout in decision.rollouts
