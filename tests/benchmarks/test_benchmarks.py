@@ -33,6 +33,13 @@ def test_networks_are_compared_with_what_is_installed() -> None:
     assert ("of ONNX Runtime" in answer.stdout) != ("ONNX Runtime is not installed" in answer.stdout)
 
 
+def test_training_is_compared_with_plain_pytorch_and_stable_baselines3() -> None:
+    answer = _run("--quick", "training")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.count("of plain PyTorch") == 2
+    assert answer.stdout.count("of Stable-Baselines3") == 2
+
+
 def test_steps_of_an_environment_are_counted() -> None:
     """Those of ours, by the file that steps the peers' environments too."""
     wanted = {"module": "visualrhp", "id": "visualrhp/ClutterManipulation-v0", "arguments": {}, "draws": False}
