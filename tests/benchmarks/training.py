@@ -182,7 +182,7 @@ def against_stable_baselines3(effort: Effort, count: int) -> None:
         )
     next(iterations)  # starts the workers
     rows = []
-    for _ in range(max(1, effort.repetitions // 5)):
+    for _ in range(max(1, effort.repetitions // 15)):  # the peers take a minute each
         row = [_wall_time(lambda: next(iterations))]
         row += [_wall_time(lambda peer=peer: peer.learn(count, reset_num_timesteps=False)) for peer in peers.values()]
         rows.append(row)
