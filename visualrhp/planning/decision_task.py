@@ -93,7 +93,8 @@ class DecisionTask:
         known: transitions that were simulated in this decision, in the nominal model and in the perturbed ones.
         perturbed_states: the state as it might be, one for each perturbed model.
         growing: the roll-outs of the current round.
-        rollouts: those of the closed rounds, and whether each is bad: chosen only if all are.
+        rollouts: those of the closed rounds, and whether each is bad; if visited states are avoided, a bad one is
+            chosen only if all are bad.
         num_failed_rounds: number of consecutive rounds after which even the best roll-out was bad.
     """
 
