@@ -97,6 +97,7 @@ def test_durations(seconds, words):
 
 def test_rates():
     assert (percent(0.125), percent(0.125, 1), percent(math.nan)) == ("12%", "12.5%", "–")
+    assert (percent(0.995), percent(1.0), percent(0.004), percent(0.0)) == ("99.5%", "100%", "0.4%", "0%")
 
 
 def test_numbers_are_computed_without_code_for_figures_and_pages():

@@ -139,8 +139,12 @@ def summary_lines(episodes: pd.DataFrame, num_settings: int) -> str:
 
 
 def percent(value: float, digits: int = 0) -> str:
-    """A rate in per cent, or a dash for a missing one."""
-    return "–" if pd.isna(value) else f"{100.0 * value:.{digits}f}%"
+    """A rate in per cent, or a dash for a missing one; one more digit where 0% or 100% would not be the whole truth."""
+    if pd.isna(value):
+        return "–"
+    text = f"{100.0 * value:.{digits}f}"
+    rounded = float(text) in (0.0, 100.0) and 100.0 * value != float(text)
+    return f"{100.0 * value:.{digits + 1}f}%" if rounded else f"{text}%"
 
 
 def duration(seconds: float) -> str:
