@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import get_args
 
 import numpy as np
@@ -15,7 +16,9 @@ from visualrhp.types import State
 
 pytest.importorskip("Box2D")
 
+from tests.benchmarks import box2d
 from tests.benchmarks.box2d_world import Box2DWorld, SurfaceLaw
+from tests.benchmarks.timing import QUICK
 
 BOX = [[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]
 LAWS = get_args(SurfaceLaw)
@@ -83,3 +86,9 @@ def test_discrete_actions_and_many_vertices() -> None:
         world.act(0)
     pose = world.observe()[1].object_poses[0]
     assert pose[0] > 0.01 and np.isfinite(pose).all()
+
+
+def test_the_section_prints_a_row_per_planner_and_action_space(capsys: pytest.CaptureFixture[str]) -> None:
+    box2d.run(QUICK, {"Greedy": ("planner=greedy",)})
+    rows = re.findall(r"^(continuous|discrete) +Greedy +crude .*%.*; close .*%", capsys.readouterr().out, re.M)
+    assert rows == ["continuous", "discrete"]

@@ -23,7 +23,7 @@ class Effort:
         repetitions: of everything that is timed.
         motions: different (state, motion) pairs that a figure of the simulation is the mean of.
         seconds: how long a peer's environment is stepped at a time.
-        instances: task instances per number of objects for K.RRT.
+        instances: task instances per number of objects for K.RRT and Box2D.
         time_limit_s: after which a search counts as unsolved; the paper's is 180 s (Sec. 7.5).
     """
 

@@ -150,3 +150,8 @@ def test_masks_of_the_actor_critic_loss_select_the_pairs_of_policy_and_value() -
     nothing = torch.zeros(4, dtype=torch.bool)
     loss, _ = actor_critic_imitation_loss(outputs, action, returns, 1.0, 1.0, 0.0, 1.0, nothing, nothing)
     assert loss.item() == 0.0
+
+
+def test_the_margin_is_computed_on_the_device_of_the_pairs() -> None:
+    """On a GPU, the pairs are in its memory; the meta device stands in for it."""
+    assert value_margin(torch.tensor([3, 1], device="meta"), 3, 1.0, 0.9).device.type == "meta"

@@ -17,6 +17,7 @@ from visualrhp.heuristics.heuristic import Guidance, SoftmaxGuidance
 from visualrhp.planning import RecedingHorizon
 from visualrhp.planning.decision_task import DecisionTask
 from visualrhp.planning.episode_memory import EpisodeMemory
+from visualrhp.planning.planner import Rollout, Timing
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
 from visualrhp.streams import Split
@@ -270,6 +271,48 @@ def test_perturbed_states_are_those_of_all_rollouts_of_a_decision() -> None:
                 replay.simulate()
                 replay.value(0.0)
             each.judge(replays)
+
+
+def test_a_value_that_is_not_finite_in_a_perturbed_model_is_bad() -> None:
+    """Left has the best return, but its state in the perturbed model has no value."""
+
+    class Undefined(WideEdge):
+        def perturbed(self, relative_std: float, turning_std: float, rng: np.random.Generator) -> Any:
+            return Shifted(self.goal, self.edge)
+
+    class Shifted(LineWorld):
+        def simulate(self, state: State, action: Action) -> Transition:
+            transition = super().simulate(state, action)
+            return replace(transition, next_state=at(99)) if action == LEFT else transition
+
+    heuristic = ScriptedHeuristic({3: 50.0, 99: np.nan}, script=[LEFT, RIGHT])
+    decision = planner(heuristic, n=2, h=1, num_perturbed_models=1, avoid_visited=True).plan(
+        Undefined(goal=90), at(4), rng()
+    )
+    assert decision.action == RIGHT
+
+
+def test_a_masked_action_has_no_prior_to_win_with(line_world: Callable[..., Any]) -> None:
+    q_values = [-1.0, -2.0, 0.0, -np.inf, *[-3.0] * 4]
+    heuristic = TableHeuristic({}, q_values)
+    decision = planner(heuristic, n=8, h=1, distinct_actions=True, prior_weight=0.3).plan(
+        line_world(goal=90), at(5), rng()
+    )
+    assert decision.action == STAY
+    assert min(rollout.prior for rollout in decision.rollouts) == -np.inf
+
+
+def test_with_a_deadline_judged_rollouts_are_preferred() -> None:
+    """Left would be chosen before it is judged; there was time to judge right alone."""
+    chosen = planner(ScriptedHeuristic({}), n=2, h=1, num_perturbed_models=1)
+    task = DecisionTask(
+        WideEdge(goal=90), at(4), rng(), EpisodeMemory(), chosen.heuristic.guide([None], [at(4)]), chosen
+    )  # pyright: ignore[reportArgumentType]
+    left = Rollout.of([LEFT], [at(4), at(3)], [-1.0], 50.0)
+    right = Rollout.of([RIGHT], [at(4), at(5)], [-1.0], 5.0)
+    task.rollouts = [(left, False), (replace(right, robust_return=4.0), False)]
+    assert task.best() == 0
+    assert task.decide(Timing(0.0, 0.0, 0.0, 0.0)).action == RIGHT
 
 
 def test_perturbed_models_are_drawn_once_per_episode() -> None:

@@ -67,6 +67,10 @@ def pack(attempts: Sequence[Attempt], action_space: ActionSpaceName) -> Arrays:
         for state in (attempt.episode.states if attempt.episode else (attempt.task.state,))
     ]
     actions = [action for episode in episodes if episode for action in episode.actions]
+    if any(shape.turning_resistance != 1.0 for shape in shapes):
+        raise DataError(
+            "demonstrations store density and friction of an object, not turning_resistance, which should be 1.0"
+        )
     rewards = [reward for episode in episodes if episode for reward in episode.rewards]
     return {
         "index": integers(attempt.index for attempt in attempts),

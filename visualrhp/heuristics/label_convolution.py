@@ -107,7 +107,7 @@ class LabelConvolution(nn.Module):
         return maps.view(-1, CELLS, CELLS, self.out_channels).permute(0, 3, 1, 2)
 
     def plain(self, labels: torch.Tensor) -> torch.Tensor:
-        """:meth:`forward` step by step: faster on a GPU, and slower on a CPU."""
+        """:meth:`forward` step by step, as on a GPU."""
         padded = functional.pad(labels, (1, 1, 1, 1), value=int(Label.EDGE))
         colours = functional.embedding(padded.int(), self._colours)  # [B, 66, 66, 3]
         coordinates = self._coordinates.to(colours.dtype).expand(len(labels), -1, -1, -1)

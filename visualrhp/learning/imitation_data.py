@@ -6,6 +6,7 @@ followed by the rewards r_{l+1} ... r_L, and ``steps_to_go`` is L - l.
 
 from __future__ import annotations
 
+import functools
 from array import array
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -21,8 +22,17 @@ from visualrhp.simulation.action_spaces import DiscreteActionSpace
 from visualrhp.simulation.rules import DISCOUNT
 from visualrhp.types import Episode
 
-_MIRRORED_CONTINUOUS = torch.tensor([1.0, -1.0, -1.0, 1.0])
-_MIRRORED_DISCRETE = torch.tensor(DiscreteActionSpace.MIRRORED)
+
+@functools.cache
+def _mirrored_continuous(device: torch.device) -> torch.Tensor:
+    """Signs of the components of the mirrored action."""
+    return torch.tensor([1.0, -1.0, -1.0, 1.0], device=device)
+
+
+@functools.cache
+def _mirrored_discrete(device: torch.device) -> torch.Tensor:
+    """The mirrored actions."""
+    return torch.tensor(DiscreteActionSpace.MIRRORED, device=device)
 
 
 @dataclass(frozen=True)
@@ -139,9 +149,9 @@ class ImitationData:
         mirror = None if mirror is None else mirror.to(device, non_blocking=True)
         action = self.action[rows]
         if mirror is not None and action.dim() == 1:
-            action = torch.where(mirror, _MIRRORED_DISCRETE.to(device)[action], action)
+            action = torch.where(mirror, _mirrored_discrete(device)[action], action)
         elif mirror is not None:
-            action = torch.where(mirror[:, None], action * _MIRRORED_CONTINUOUS.to(device), action)
+            action = torch.where(mirror[:, None], action * _mirrored_continuous(device), action)
         return ImitationBatch(
             observation=self._observations(rows, mirror),
             gripper_closed=self.gripper_closed[rows],
@@ -154,7 +164,8 @@ class ImitationData:
 
     def _observations(self, rows: torch.Tensor, mirror: torch.Tensor | None) -> torch.Tensor:
         if self.unpacked is not None:
-            found, mirrored = (each[rows] for each in self.unpacked)
+            found = self.unpacked[0][rows]
+            mirrored = found if mirror is None else self.unpacked[1][rows]
         else:
             observations = self.observations[rows.numpy()]
             found = torch.from_numpy(observations)

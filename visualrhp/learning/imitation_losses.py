@@ -24,7 +24,7 @@ def value_margin(
     Returns:
         [B].
     """
-    exponents = steps_to_go[:, None] - 1 + torch.arange(1, margin_actions + 1)
+    exponents = steps_to_go[:, None] - 1 + torch.arange(1, margin_actions + 1, device=steps_to_go.device)
     return margin_cost * (discount ** exponents.to(torch.float32)).sum(dim=1)
 
 

@@ -16,8 +16,11 @@ from visualrhp.planning.deadline import DecisionClock
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.planning.planner import Decision, PlanningModel, Rollout, RolloutOrigin, Timing
 from visualrhp.scene.noise import perturb_poses
-from visualrhp.simulation.rules import DISCOUNT
+from visualrhp.simulation.rules import DISCOUNT, is_dropped
 from visualrhp.types import Action, State
+
+_ATTEMPTS = 10
+"""To sample a perturbed state without an object beyond the edges."""
 
 WIDENING = 2.0
 """Factor of the standard deviation or temperature of the policy in the first resampling."""
@@ -35,15 +38,16 @@ class RecedingHorizonParameters:
             :meth:`RecedingHorizon.plan_batch` share it.
         warm_start: whether the rest of the last decision's chosen roll-out, continued by the mode, competes again.
         follow_mode: whether one more roll-out follows the mode of the policy.
-        max_resamplings: how often n more roll-outs are drawn, from wider distributions, while the best roll-out drops
-            an object, diverges, or returns to a state of the episode if these are avoided.
-        avoid_visited: whether roll-outs whose first action leads to a state in which the episode has been are chosen
-            only if there is no other one.
+        max_resamplings: how often n more roll-outs are drawn, from wider distributions, while the best roll-out is bad:
+            it drops an object or diverges, in a perturbed model, too, or returns to a state of the episode if these
+            are avoided.
+        avoid_visited: whether a bad roll-out is chosen only if there is no other one; one whose first action leads to a
+            state in which the episode has been is bad, too.
         distinct_actions: whether the sampled roll-outs of a round begin with different actions, and those of
             resampling with actions that were not tried, as long as there are any (discrete action space).
         prior_weight: weight of the log-probability of the first action, which is added to the return in the comparison
             of roll-outs (discrete action space).
-        stop_at_goal: whether all roll-outs of a task end as soon as one of them reaches the goal.
+        stop_at_goal: whether all roll-outs of a round end as soon as one of them reaches the goal.
         num_perturbed_models: k, number of perturbed models in which roll-outs are judged, too; 0 for the nominal alone.
         perturbation: relative standard deviation of the shapes, friction and density of their objects.
         turning_perturbation: the same of the resistance of the surface to turning.
@@ -124,7 +128,11 @@ class DecisionTask:
         position_std, angle_std = self.planner.position_perturbation, self.planner.angle_perturbation
         if position_std == angle_std == 0.0:
             return self.state
-        return perturb_poses(self.state, position_std, angle_std, self.rng)
+        for _ in range(_ATTEMPTS):
+            state = perturb_poses(self.state, position_std, angle_std, self.rng)
+            if not is_dropped(self.model.scene, state):
+                return state
+        return self.state  # an object at the very edge
 
     def first_candidates(self) -> list[Candidate]:
         """Begin the roll-outs of a round."""
@@ -169,7 +177,7 @@ class DecisionTask:
             rollout = candidate.finish(self.planner.discount)
             if self.planner.prior_weight and isinstance(action := rollout.actions[0], int):
                 prior = self.planner.prior_weight * self.root.log_probability(action)
-                rollout = replace(rollout, prior=prior if math.isfinite(prior) else 0.0)
+                rollout = replace(rollout, prior=0.0 if math.isnan(prior) else prior)
             is_bad = rollout.is_diverged or candidate.is_dropped or self._is_avoided(candidate)
             self.rollouts.append((rollout, is_bad))
 
@@ -190,9 +198,10 @@ class DecisionTask:
         best = self.best()
         assert best is not None
         rollout, _ = self.rollouts[best]
-        returns = [rollout.total_return, *(replay.finish(self.planner.discount).total_return for replay in replays)]
+        finished = [replay.finish(self.planner.discount) for replay in replays]
+        returns = [rollout.total_return, *(each.total_return for each in finished)]
         robust_return = min(returns) if self.planner.judgement == "worst" else sum(returns) / len(returns)
-        is_bad = any(replay.is_dropped or replay.is_diverged for replay in replays)
+        is_bad = any(replay.is_dropped for replay in replays) or any(each.is_diverged for each in finished)
         self.rollouts[best] = (replace(rollout, robust_return=robust_return), is_bad)
 
     def has_failed(self) -> bool:
@@ -208,6 +217,18 @@ class DecisionTask:
         keys = [(avoids and not is_bad, rollout.compared) for rollout, is_bad in self.rollouts]
         return keys.index(max(keys)) if keys else None
 
+    def _best_judged(self) -> int | None:
+        """As :meth:`best`; if the deadline passed before it was judged, the best one that was and is not bad."""
+        best = self.best()
+        if best is None or self.rollouts[best][1] or self.rollouts[best][0].robust_return is not None:
+            return best
+        judged = [
+            (rollout.compared, -number)
+            for number, (rollout, is_bad) in enumerate(self.rollouts)
+            if rollout.robust_return is not None and not is_bad
+        ]
+        return -max(judged)[1] if judged else best
+
     def _is_avoided(self, candidate: Candidate) -> bool:
         """Whether the first action leads to a state of the episode, unless the roll-out reaches the goal."""
         if not self.planner.avoid_visited or not candidate.transitions or candidate.is_goal:
@@ -216,7 +237,7 @@ class DecisionTask:
 
     def decide(self, timing: Timing) -> Decision:
         """The first action of the best roll-out; the mode of the policy if none has a return."""
-        best = self.best()
+        best = self._best_judged()
         rollouts = tuple(rollout for rollout, _ in self.rollouts)
         chosen = None if best is None or rollouts[best].is_diverged else best
         decision = Decision(
