@@ -1,4 +1,6 @@
-"""Speed of the parts on this machine, and (box2d) success in another simulator: ``python -m tests.benchmarks [section ...]``, or ``make bench``.
+"""Speed of the parts on this machine: ``python -m tests.benchmarks [section ...]``, or ``make bench``.
+
+The section box2d counts successes in another simulator instead.
 
 Everything is measured against a reference in the same run, interleaved: the engine's raw loop, or the alternative that
 a user would choose. The tables show median times, the median of the ratios, and the ratio of the least times, which
