@@ -18,21 +18,14 @@ from visualrhp.planning import RecedingHorizon
 from visualrhp.planning.decision_task import DecisionTask
 from visualrhp.planning.episode_memory import EpisodeMemory
 from visualrhp.planning.planner import Rollout, Timing
+from visualrhp.planning.receding_horizon import PLUS_OPTIONS
 from visualrhp.scene import SceneDistribution, sample_task_instance
 from visualrhp.simulation import TransitionModel, make_action_space
 from visualrhp.streams import Split
 from visualrhp.types import Action, ActionSpaceName, State, Transition
 
 GAMMA = 0.5
-ALL = {
-    "warm_start": True,
-    "follow_mode": True,
-    "max_resamplings": 4,
-    "avoid_visited": True,
-    "distinct_actions": True,
-    "prior_weight": 0.3,
-    "stop_at_goal": True,
-}
+ALL = {name: value for name, value in PLUS_OPTIONS.items() if "perturb" not in name}
 ROBUST = ALL | {"num_perturbed_models": 2}
 
 
