@@ -258,7 +258,7 @@ def test_perturbed_states_are_those_of_all_rollouts_of_a_decision() -> None:
             candidate.simulate()
             candidate.value(0.0)
         each.close_round()
-        while replays := each.contender():
+        while replays := each.replays_of_best():
             assert [replay.state for replay in replays] == each.perturbed_states
             for replay in replays:
                 replay.simulate()

@@ -181,7 +181,7 @@ class DecisionTask:
             is_bad = rollout.is_diverged or candidate.is_dropped or self._is_avoided(candidate)
             self.rollouts.append((rollout, is_bad))
 
-    def contender(self) -> list[Candidate]:
+    def replays_of_best(self) -> list[Candidate]:
         """The replays in the perturbed models of the roll-out to choose; empty if it is bad or judged already."""
         best = self.best()
         if best is None or self.rollouts[best][1] or self.rollouts[best][0].robust_return is not None:
@@ -261,10 +261,10 @@ def choose_next(growing: Sequence[Candidate], guidance: Guidance) -> None:
 
 def judge(tasks: Sequence[DecisionTask], heuristic: Heuristic, clock: DecisionClock) -> None:
     """Replay the roll-outs to choose in the perturbed models, until every task's has been judged."""
-    while judged := [(task, replays) for task in tasks if (replays := task.contender())]:
-        if not _replay([replay for _, replays in judged for replay in replays], heuristic, clock):
+    while waiting := [(task, replays) for task in tasks if (replays := task.replays_of_best())]:
+        if not _replay([replay for _, replays in waiting for replay in replays], heuristic, clock):
             return
-        for task, replays in judged:
+        for task, replays in waiting:
             task.judge(replays)
 
 
