@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+STAGE = "evaluate"
+
 _JOURNAL = "episodes.jsonl"
 _SLOW = ("kinodynamic_rrt", "closed_loop_krrt", "dhrrt")
 
@@ -41,11 +43,13 @@ class Unit:
         identity: of the setting.
         config: the setting.
         episode: index of the task instance.
+        networks: number of objects -> file of its network in the work folder.
     """
 
     identity: str
     config: EvaluateConfig = field(repr=False)
     episode: int
+    networks: Mapping[int, Path] = field(default_factory=dict, repr=False)
 
     @property
     def key(self) -> str:
@@ -53,19 +57,20 @@ class Unit:
         return f"{self.identity}/{self.episode}"
 
 
-@app("evaluate")
+@app(STAGE)
 def main(config: EvaluateConfig) -> None:
     """Run the missing episodes, and publish the artefact."""
     from pipelines.points import compose_points, network_hashes, prepare
-    from pipelines.workflow.artefacts import discard, git_commit, publish, work_folder
+    from pipelines.workflow.artefacts import git_commit
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
     points = prepare(compose_points(config))
-    work = work_folder(config, "evaluate", network_hashes(points) | {"commit": git_commit() or ""})
+    inputs = network_hashes(points) | {"commit": git_commit() or ""}
     name = "suite" if config.suite is not None else f"{config.planner.name} {config.action_space.name}"
-    with open_run(config, "evaluate", f"evaluate {name}", work) as run:
-        publish(evaluate(config, points, work, run), config.paths.artefact)
-    discard(work)
+    with open_work(config, STAGE, inputs) as work, open_run(config, STAGE, f"evaluate {name}", work) as run:
+        publish(evaluate(config, points, work, run), config.paths.artefact, STAGE)
 
 
 def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: Run) -> Path:
@@ -75,13 +80,17 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
     from pipelines.points import network_hashes
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.executor import run_tasks, worker_count
+    from pipelines.workflow.workspace import empty_folder
     from visualrhp.evaluation.episodes import episodes_table
     from visualrhp.evaluation.journal import Journal
     from visualrhp.evaluation.summaries import metrics_by_method, summary_lines, summary_tables
     from visualrhp.files import atomic_path, write_json
 
     journal = Journal(work / _JOURNAL)
-    units = [(point, Unit(point.identity, point.config, index)) for point in points for index in point.episodes]
+    units: list[tuple[Point, Unit]] = []
+    for point in points:
+        networks = {m: file.store(work / "networks") for m, file in point.networks.items()}
+        units += [(point, Unit(point.identity, point.config, index, networks)) for index in point.episodes]
     missing = [unit for _, unit in units if unit.key not in journal]
     if journal:
         _log.info("%d episodes are finished, %d remain.", len(journal), len(missing))
@@ -94,8 +103,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
     wall_time = time.perf_counter() - started
 
     episodes = episodes_table((point.setting, unit.episode, journal[unit.key]) for point, unit in units)
-    artefact = work / "artefact"
-    artefact.mkdir(exist_ok=True)
+    artefact = empty_folder(work / "artefact")
     with atomic_path(artefact / "episodes.parquet") as path:
         episodes.to_parquet(path, index=False)
     write_json(artefact / "metrics.json", metrics_by_method(episodes))
@@ -109,7 +117,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
         "wall_time_s": round(wall_time, 1),
         "num_workers": worker_count(config.executor),
     }
-    write_json(artefact / "evaluation.json", card(config, "evaluate", **content))
+    write_json(artefact / "evaluation.json", card(config, STAGE, **content))
     log_to_tracker(run, episodes)
     run.log_artifact(artefact)
     _log.info("%s", summary_lines(episodes, len(points)))
@@ -127,8 +135,9 @@ def run_unit(unit: Unit) -> tuple[str, dict[str, Any]]:
 
     config, space = unit.config, unit.config.action_space.name
     instance = sample_task_instance(config.scene, config.seed, Split.EVALUATION, unit.episode)
+    num_objects = instance.scene.num_objects
     result = run_task(
-        build_planner(config.planner, space, config.heuristics, instance.scene.num_objects),
+        build_planner(config.planner, space, num_objects, unit.networks.get(num_objects)),
         instance,
         config.seed,
         Split.EVALUATION,

@@ -11,13 +11,20 @@ included; ``last*.safetensors`` is the network after the last round.
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.training import Part, Training, greedy_evaluation, load_start, observation_of, parts_of
+from pipelines.training import (
+    Inputs,
+    Part,
+    Training,
+    greedy_evaluation,
+    observation_of,
+    read_start_networks,
+    start_path,
+)
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
@@ -32,13 +39,15 @@ STAGE = "expert_iteration"
 
 @app(STAGE)
 def main(config: ExpertIterationConfig) -> None:
-    from pipelines.workflow.artefacts import discard, publish, work_folder
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
-    work = work_folder(config, STAGE, input_hashes(config))
-    with open_run(config, STAGE, f"ExIt {config.action_space.name} {config.observation.name}", work) as run:
-        publish(TRAINING.run(config, config.learner.rounds, work, run), config.paths.artefact)
-    discard(work)
+    inputs = Inputs(read_start_networks(config))
+    name = f"ExIt {config.action_space.name} {config.observation.name}"
+    with open_work(config, STAGE, inputs.hashes) as work, open_run(config, STAGE, name, work) as run:
+        folder = TRAINING.run(inputs.store(config, work), config.learner.rounds, work, run)
+        publish(folder, config.paths.artefact, STAGE)
 
 
 def make_learner(config: ExpertIterationConfig, part: Part, folder: Path) -> ExpertIteration:
@@ -69,7 +78,7 @@ def train_part(config: ExpertIterationConfig, part: Part, folder: Path) -> Itera
     learner = make_learner(config, part, folder)
     yield from learner.run()
     metrics = expert_iteration_summary(learner.history, learner.best_round)
-    inputs = {part.name: input_hashes(config)[part.name]}
+    inputs = {part.name: read_start_networks(config)[part.name].sha256}
     for stem, round_ in (("heuristic", learner.best_round), ("last", config.learner.rounds)):
         network, _ = load_network(learner.network_file(round_), config.action_space.name)
         about = card(config, STAGE, part=part.name, round=round_, metrics=metrics, inputs=inputs)
@@ -93,7 +102,7 @@ def collect_block(
     """The task of a worker."""
     from visualrhp.learning.expert_episodes import run_expert_block
 
-    return block, run_expert_block(block, build_expert(config, network), setting_of(config, part, max_objects))
+    return block, run_expert_block(block, build_expert(config, part, network), setting_of(config, part, max_objects))
 
 
 def validate(config: ExpertIterationConfig, part: Part, network: Path) -> Arrays:
@@ -116,17 +125,17 @@ def validate_block(config: ExpertIterationConfig, part: Part, network: Path, blo
     from visualrhp.learning import expert_episodes
 
     setting = setting_of(config, part, config.learner.max_objects[1])
-    return block, expert_episodes.validate_block(block, build_expert(config, network), setting)
+    return block, expert_episodes.validate_block(block, build_expert(config, part, network), setting)
 
 
-def build_expert(config: ExpertIterationConfig, network: Path) -> RecedingHorizon:
+def build_expert(config: ExpertIterationConfig, part: Part, network: Path) -> RecedingHorizon:
     """The planner, guided by the network in a file."""
     from pipelines.planners import cached_heuristic, parameters_of
     from visualrhp.planning import RecedingHorizon
     from visualrhp.planning.decision_task import RecedingHorizonParameters
 
     temperature = getattr(config.planner.heuristic, "temperature", 1.0)
-    heuristic = cached_heuristic(network, config.action_space.name, temperature)
+    heuristic = cached_heuristic(network, config.action_space.name, observation_of(config, part), temperature)
     return RecedingHorizon(heuristic, **parameters_of(config.planner, RecedingHorizonParameters))
 
 
@@ -145,25 +154,6 @@ def setting_of(config: ExpertIterationConfig, part: Part, max_objects: int) -> E
         config.learner.noise,
         config.physics,
     )
-
-
-def start_path(config: ExpertIterationConfig, part: Part) -> Path:
-    """File of the initial network."""
-    return Path(config.heuristic) / f"heuristic{part.suffix}.safetensors"
-
-
-def input_hashes(config: ExpertIterationConfig) -> dict[str, str]:
-    """Hashes of the initial networks; missing or damaged ones are found here, before any work.
-
-    Raises:
-        CheckpointError: an initial network is missing or damaged, or has another action space or observation.
-    """
-    hashes = {}
-    for part in parts_of(config):
-        path = start_path(config, part)
-        load_start(path, config.action_space.name, observation_of(config, part))
-        hashes[part.name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return hashes
 
 
 TRAINING = Training(STAGE, "Expert iteration", "round", train_part)

@@ -2,13 +2,13 @@
 
 ``format=parquet`` writes ``transitions.parquet``, ``scenes.parquet`` and the card of the set (columns:
 :mod:`visualrhp.demonstrations.parquet`); ``format=minari`` writes a data set of ``visualrhp/ClutterManipulation-v0``,
-which Minari finds with ``MINARI_DATASETS_PATH=<the artefact>``.
+which Minari finds with ``MINARI_DATASETS_PATH=<the artefact>``; data sets of other names are kept.
 """
 
 from __future__ import annotations
 
+import functools
 import shutil
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,25 +33,32 @@ def export(config: ExportDemosConfig) -> Path:
         DataError: the set is missing or damaged, has the other action space, or has no demonstration with that number
             of objects.
     """
-    from pipelines.workflow.artefacts import publish
+    from pipelines.workflow.publishing import check_destination, copy_artefacts, publish
+    from pipelines.workflow.workspace import empty_folder, open_work
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.demonstrations.minari import export_minari
     from visualrhp.demonstrations.parquet import export_parquet
 
-    demonstrations = DemonstrationSet.open(config.demonstrations, config.action_space.name)
-    target = Path(config.paths.artefact).absolute()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as aside:
-        folder = Path(aside) / "export"
+    source = Path(config.demonstrations)
+    card = DemonstrationSet.open(source, config.action_space.name).card
+    folder = Path(config.paths.artefact).absolute()
+    name = config.dataset_id if config.format == "minari" else ""
+    num_objects = "all" if config.num_objects is None else config.num_objects
+    identity = f"{config.format}, num_objects={num_objects}" + (f", {config.observation.name}" if name else "")
+    check = functools.partial(check_destination, folder / name, STAGE, identity)
+    with open_work(config, STAGE, {"demonstrations": str(card["content_hash"])}, check) as work:
+        copy = copy_artefacts(source, work / "inputs", link=True)
+        demonstrations = DemonstrationSet.open(copy, config.action_space.name)
+        made = empty_folder(work / "artefact")
         if config.format == "parquet":
-            count = export_parquet(demonstrations, folder, config.num_objects)
-            shutil.copyfile(Path(config.demonstrations) / "card.json", folder / "card.json")
+            count = export_parquet(demonstrations, made, config.num_objects)
+            shutil.copyfile(copy / "card.json", made / "card.json")
         else:
             observation = config.observation.name
-            count = export_minari(demonstrations, folder, config.dataset_id, observation, config.num_objects)
-        publish(folder, target)
+            count = export_minari(demonstrations, made, config.dataset_id, observation, config.num_objects)
+        publish(made / name, folder / name, STAGE, identity)
     print(f"{count} demonstrations as {config.format} in {config.paths.artefact}")
-    return target
+    return folder
 
 
 if __name__ == "__main__":

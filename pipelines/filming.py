@@ -25,22 +25,27 @@ class VideoTask:
         scene_index: scene of the page, and index of the task instance.
         fps: frames per second.
         size_px: width.
+        network: file of its network; None if it needs none, or has none for this number of objects.
+        is_missing: whether it needs a network that does not exist.
     """
 
     config: EvaluateConfig = field(repr=False)
     scene_index: int
     fps: int
     size_px: int
+    network: Path | None = None
+    is_missing: bool = False
 
 
-def video_tasks(config: ReportConfig) -> list[VideoTask]:
-    """The tasks to film: every planner in every action space on every scene.
+def video_tasks(config: ReportConfig, work: Path) -> list[VideoTask]:
+    """The tasks to film: every planner in every action space on every scene; networks are copied to ``work``.
 
     Raises:
         ConfigError: a planner is unknown.
         CheckpointError: a network for any number of objects is missing, or a network is damaged.
     """
-    from pipelines.planners import build_planner, fixes_num_objects, needed_network
+    from pipelines.networks import NetworkFile
+    from pipelines.planners import build_planner, find_network, fixes_num_objects, needed_network
 
     videos = config.videos
     tasks = []
@@ -51,9 +56,14 @@ def video_tasks(config: ReportConfig) -> list[VideoTask]:
                 composed = compose("evaluate", EvaluateConfig, overrides)
                 point = replace(composed, seed=config.seed, heuristics=config.heuristics, paths=config.paths)
                 path = needed_network(point.planner, space, config.heuristics, num_objects)
-                if path is None or path.is_file() or not fixes_num_objects(point.planner):
-                    build_planner(point.planner, space, config.heuristics, num_objects)
-                tasks.append(VideoTask(point, scene_index, videos.fps, videos.size_px))
+                if not fixes_num_objects(point.planner):
+                    find_network(point.planner, space, config.heuristics, num_objects)
+                is_missing = path is not None and not path.is_file()
+                network = None
+                if not is_missing:
+                    build_planner(point.planner, space, num_objects, path)
+                    network = path and NetworkFile.read(path, path.name).store(work / "networks")
+                tasks.append(VideoTask(point, scene_index, videos.fps, videos.size_px, network, is_missing))
     return tasks
 
 
@@ -65,7 +75,7 @@ def scene_sizes(config: ReportConfig) -> dict[int, int]:
 
 def film_task(task: VideoTask) -> Attempt:
     """Run a planner on a task, and encode its video."""
-    from pipelines.planners import build_planner, needed_network
+    from pipelines.planners import build_planner
     from visualrhp.evaluation.films import encode_film, film_episode
     from visualrhp.evaluation.methods import Method
     from visualrhp.evaluation.report_videos import Attempt
@@ -78,11 +88,10 @@ def film_task(task: VideoTask) -> Attempt:
     config, index = task.config, task.scene_index
     space, method = config.action_space.name, Method.of(config.planner).label
     num_objects = config.scene.num_objects[0]
-    network = needed_network(config.planner, space, config.heuristics, num_objects)
-    if network is not None and not network.is_file():
+    if task.is_missing:
         return Attempt(index, space, method, f"{method}: no network for {num_objects} objects", None)
     result = run_task(
-        build_planner(config.planner, space, config.heuristics, num_objects),
+        build_planner(config.planner, space, num_objects, task.network),
         sample_task_instance(config.scene, config.seed, Split.EVALUATION, index),
         config.seed,
         Split.EVALUATION,

@@ -15,7 +15,6 @@ import json
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,23 +39,23 @@ _NUM_ROWS = 50
 
 @app(STAGE)
 def main(config: GenerateDemosConfig) -> None:
-    from pipelines.workflow.artefacts import discard, git_commit, publish, work_folder
+    from pipelines.workflow.artefacts import git_commit
+    from pipelines.workflow.publishing import check_destination, check_writable, publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
-    # Blocks of other code are not reused: they might not replay.
-    work = work_folder(config, STAGE, {"commit": git_commit() or ""})
     published = Path(config.paths.artefact)
-    with explain_full_disk(work):
+    # Blocks of other code are not reused: they might not replay. A damaged set is repaired rather than replaced.
+    with open_work(config, STAGE, {"commit": git_commit() or ""}, lambda: check_writable(published.parent)) as work:
         if is_published(config, published, work):
-            discard(work)
             return
+        check_destination(published, STAGE)
         with open_run(config, STAGE, f"demonstrations {config.action_space.name}", work) as run:
             folder = generate(config, work, run)
             for path in sorted(folder.iterdir()):
                 if not path.name.startswith("shard"):
                     run.log_artifact(path)
-            publish(folder, published)
-        discard(work)
+            publish(folder, published, STAGE)
 
 
 def generate(config: GenerateDemosConfig, work: Path, run: Run) -> Path:
@@ -161,42 +160,16 @@ def write_pictures(
 ) -> None:
     """Write the contact sheet, the video and the histogram of lengths to ``folder``."""
     from visualrhp.demonstrations import pictures
-    from visualrhp.files import atomic_path, detect_full_disk
+    from visualrhp.files import atomic_path
     from visualrhp.rendering.pictures import write_picture
     from visualrhp.rendering.video import write_video
 
     write_picture(folder / "contact_sheet.png", pictures.contact_sheet(demonstrations))
     if config.video.num_scenes:
         frames = pictures.demonstration_frames(demonstrations, config.video.num_scenes, config.video.size_px)
-        with detect_full_disk(folder):
-            write_video(folder / "demonstrations.webm", frames, _VIDEO_FPS)
+        write_video(folder / "demonstrations.webm", frames, _VIDEO_FPS)
     with atomic_path(folder / "lengths.png") as path:
         pictures.length_histogram(lengths.tolist(), demonstrations.action_space).savefig(path, dpi=120)
-
-
-@contextmanager
-def explain_full_disk(work: Path) -> Iterator[None]:
-    """Report a full disk in one sentence.
-
-    Raises:
-        DataError: a file could not be written because there is no space left.
-    """
-    from visualrhp.demonstrations.blocks import BLOCK_SIZE
-    from visualrhp.errors import DataError
-    from visualrhp.files import full_disk_error
-
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        cause = full_disk_error(error)
-        if cause is None:
-            raise
-        finished = len(list((work / "blocks").glob("block-*")))
-        raise DataError(
-            f"There is no space left to write demonstrations ({cause.strerror}): free space on the disks of {work} "
-            f"and of paths.artefact, and rerun the command to resume. {finished} finished blocks of {BLOCK_SIZE} "
-            "attempts and all finished shards are kept."
-        ) from error
 
 
 if __name__ == "__main__":

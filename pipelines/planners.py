@@ -12,7 +12,7 @@ from pipelines.networks import network_path
 from visualrhp.errors import CheckpointError
 from visualrhp.heuristics.crafted import CostToGo, CraftedHeuristic
 from visualrhp.heuristics.heuristic import Heuristic
-from visualrhp.observation import observation_class
+from visualrhp.observation import Observation, make_observation, observation_class
 from visualrhp.planning import Greedy, Planner, RecedingHorizon
 from visualrhp.planning.decision_task import RecedingHorizonParameters
 from visualrhp.pretrained import pretrained_folder
@@ -23,26 +23,52 @@ RELEASED: Final = {"pretrained": pretrained_folder("best"), "pretrained_paper": 
 
 
 def build_planner(
-    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
+    config: PlannerConfig, action_space: ActionSpaceName, num_objects: int, network: Path | None = None
 ) -> Planner:
     """Build the planner for scenes with ``num_objects`` objects.
 
     Args:
         config: the planner.
         action_space: of the planner.
-        heuristics: folder with its networks; None for that of ``config``.
         num_objects: m.
+        network: file of its network (:func:`find_network`); None if it needs none.
 
     Raises:
-        CheckpointError: a network is missing (the message says how to train it) or damaged, or has another action space
-            or observation.
+        CheckpointError: the network is damaged, or has another action space or observation.
     """
     if isinstance(config, Planner):  # the RRT family
         return config
-    heuristic = _build_heuristic(config.heuristic, action_space, heuristics, num_objects)
+    heuristic = _build_heuristic(config.heuristic, action_space, num_objects, network)
     if isinstance(config, GreedyConfig):
         return Greedy(heuristic, config.name)
     return RecedingHorizon(heuristic, **parameters_of(config, RecedingHorizonParameters))
+
+
+def find_network(
+    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
+) -> Path | None:
+    """The file of :func:`needed_network`, which exists.
+
+    Raises:
+        CheckpointError: it is missing; the message says how to train it.
+    """
+    path = needed_network(config, action_space, heuristics, num_objects)
+    if path is None or path.is_file():
+        return path
+    assert not isinstance(config, Planner)
+    assert isinstance(config.heuristic, LearnedHeuristicConfig)
+    arguments = f"action_space={action_space} observation={config.heuristic.observation}"
+    if path.exists():
+        raise CheckpointError(f"the network {path} is a folder; it should be a safetensors file")
+    raise CheckpointError(
+        f"the network {path} does not exist. Use the released networks, heuristics=pretrained; or train it with "
+        f"python -m pipelines.generate_demos action_space={action_space}, "
+        f"python -m pipelines.train_il {arguments}, "
+        f"python -m pipelines.train_rl {arguments} and, for VisualRHP+, python -m pipelines.expert_iteration "
+        f"{arguments}, in this order (or all networks with dvc repro); or use a folder that has it, as in "
+        "heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or planner=kinodynamic_rrt, which "
+        "need no network"
+    )
 
 
 def needed_network(
@@ -78,24 +104,15 @@ def fixes_num_objects(config: PlannerConfig) -> bool:
 def _build_heuristic(
     config: LearnedHeuristicConfig | CraftedHeuristicConfig,
     action_space: ActionSpaceName,
-    heuristics: str | None,
     num_objects: int,
+    network: Path | None,
 ) -> Heuristic:
     if isinstance(config, CraftedHeuristicConfig):
         return CraftedHeuristic(action_space, CostToGo(**parameters_of(config, CostToGo)))
-    path = _path(config, action_space, heuristics, num_objects)
-    if not path.is_file():
-        arguments = f"action_space={action_space} observation={config.observation}"
-        raise CheckpointError(
-            f"the network {path} does not exist. Use the released networks, heuristics=pretrained; or train it with "
-            f"python -m pipelines.generate_demos action_space={action_space}, "
-            f"python -m pipelines.train_il {arguments}, "
-            f"python -m pipelines.train_rl {arguments} and, for VisualRHP+, python -m pipelines.expert_iteration "
-            f"{arguments}, in this order (or all networks with dvc repro); or use a folder that has it, as in "
-            "heuristics=outputs/train_il; or choose planner=crafted_heuristic_rhp or planner=kinodynamic_rrt, which "
-            "need no network"
-        )
-    return cached_heuristic(path, action_space, config.temperature)
+    assert network is not None
+    fixes = observation_class(config.observation).fixes_num_objects
+    expected = make_observation(config.observation, num_objects if fixes else None)
+    return cached_heuristic(network, action_space, expected, config.temperature)
 
 
 def _path(
@@ -110,15 +127,25 @@ def parameters_of(config: object, schema: type) -> dict[str, Any]:
     return {entry.name: getattr(config, entry.name) for entry in fields(schema)}  # pyright: ignore[reportArgumentType]
 
 
-def cached_heuristic(path: Path, action_space: ActionSpaceName, temperature: float) -> Heuristic:
-    """Load the network in a file, once per process and version of the file."""
+def cached_heuristic(path: Path, action_space: ActionSpaceName, expected: Observation, temperature: float) -> Heuristic:
+    """Load the network in a file, once per process and version of the file.
+
+    Raises:
+        CheckpointError: the file is missing or damaged, or has another action space or observation.
+    """
     version = (path.stat().st_mtime_ns, path.stat().st_size) if path.is_file() else (0, 0)
-    return _load(path, version, action_space, temperature)
+    return _load(path, version, action_space, expected, temperature)
 
 
 @lru_cache(maxsize=32)
-def _load(path: Path, version: tuple[int, int], action_space: ActionSpaceName, temperature: float) -> Heuristic:
+def _load(
+    path: Path,
+    version: tuple[int, int],
+    action_space: ActionSpaceName,
+    expected: Observation,
+    temperature: float,
+) -> Heuristic:
     """``version`` changes with the file."""
     from visualrhp.heuristics.checkpoint import load_heuristic
 
-    return load_heuristic(path, expect_action_space=action_space, temperature=temperature)
+    return load_heuristic(path, action_space, temperature, expect_observation=expected)

@@ -12,6 +12,8 @@ Where there is a screen, the episode is also shown live in a window. Not a DVC s
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import logging
 import re
 import time
@@ -27,15 +29,19 @@ if TYPE_CHECKING:
     from visualrhp.rendering.window import Window
     from visualrhp.scene import Scene, TaskInstance
 
+STAGE = "play"
+
 _log = logging.getLogger(__name__)
 
 
-@app("play")
+@app(STAGE)
 def main(config: PlayConfig) -> None:
     """Run the planner, and write the video and the card."""
-    from pipelines.planners import build_planner
+    from pipelines.planners import build_planner, find_network
     from pipelines.workflow.artefacts import card
+    from pipelines.workflow.publishing import check_files, publish_files
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
     from visualrhp.evaluation.episode_record import episode_record
     from visualrhp.evaluation.films import film_episode
     from visualrhp.files import write_json
@@ -43,30 +49,35 @@ def main(config: PlayConfig) -> None:
 
     instance = task_instance(config)
     space, num_objects = config.action_space.name, instance.scene.num_objects
-    planner = build_planner(config.planner, space, heuristics_of(config, num_objects), num_objects)
-    path = Path(config.paths.artefact) / f"{file_stem(config, num_objects)}.webm"
-    window = open_window(config)
-    try:
-        result, world_scene = play(config, instance, planner, window)
-    finally:
-        if window is not None:
-            window.close()
-    _log.info(
-        "%s: %s after %d actions; %.2f s of planning.",
-        title_of(config),
-        result.outcome,
-        len(result.episode),
-        result.decision_time_s,
-    )
-    started = time.perf_counter()
-    hold = round(config.video.fps * config.video.hold_s)
-    num_frames = write_video(path, film_episode(result, world_scene, hold=hold, **looks(config)), config.video.fps)
-    write_json(path.with_suffix(".json"), card(config, "play", video=path.name, **episode_record(result)))
-    _log.info("%s: %d frames in %.1f s.", path, num_frames, time.perf_counter() - started)
-    if config.tracking.name != "none":
-        with open_run(config, "play", path.stem) as run:
-            run.log_artifact(path)
-            run.log_artifact(path.with_suffix(".json"))
+    network = find_network(config.planner, space, heuristics_of(config, num_objects), num_objects)
+    planner = build_planner(config.planner, space, num_objects, network)
+    stem = file_stem(config, num_objects)
+    names = [f"{stem}.webm", f"{stem}.json"]
+    check = functools.partial(check_files, config.paths.artefact, names, STAGE)
+    with open_work(config, STAGE, check=check) as work, open_run(config, STAGE, stem, work) as run:
+        window = open_window(config)
+        try:
+            result, world_scene = play(config, instance, planner, window)
+        finally:
+            if window is not None:
+                window.close()
+        _log.info(
+            "%s: %s after %d actions; %.2f s of planning.",
+            title_of(config),
+            result.outcome,
+            len(result.episode),
+            result.decision_time_s,
+        )
+        started = time.perf_counter()
+        hold = round(config.video.fps * config.video.hold_s)
+        film = film_episode(result, world_scene, hold=hold, **looks(config))
+        num_frames = write_video(work / names[0], film, config.video.fps)
+        write_json(work / names[1], card(config, STAGE, video=names[0], **episode_record(result)))
+        for name in names:
+            run.log_artifact(work / name)
+        publish_files(work, config.paths.artefact, names, STAGE)
+        path = Path(config.paths.artefact) / names[0]
+        _log.info("%s: %d frames in %.1f s.", path, num_frames, time.perf_counter() - started)
 
 
 def play(
@@ -153,12 +164,21 @@ def title_of(config: PlayConfig) -> str:
 
 
 def file_stem(config: PlayConfig, num_objects: int) -> str:
-    """Name of the video without its suffix: ``visualrhp-3x3_continuous_m5_seed0_index3``."""
+    """Name of the video without its suffix: ``visualrhp-3x3_continuous_m5_seed0_index3_9f2c41d0``.
+
+    It ends with a digest of the configuration, and of the content of the scene file.
+    """
+    from pipelines.workflow.artefacts import content_hash, result_config
+    from pipelines.workflow.names import MAX_LENGTH
+
     task = f"m{num_objects}" + (f"-{config.scene.object_size}" if config.scene.object_size != "mixed" else "")
+    content = result_config(config)
     if config.scene_file is not None:
         task = Path(config.scene_file).stem
+        content["scene_file"] = hashlib.sha256(Path(config.scene_file).read_bytes()).hexdigest()
     parts = [title_of(config), config.action_space.name, task, f"seed{config.seed}", f"index{config.index}"]
-    return "_".join(re.sub(r"[^\w.-]+", "-", part.lower().replace("+", "-plus")).strip("-.") for part in parts)
+    text = "_".join(re.sub(r"[^a-z0-9_.-]+", "-", part.lower().replace("+", "-plus")).strip("-.") for part in parts)
+    return f"{text[:MAX_LENGTH]}_{content_hash(content)[:8]}"
 
 
 def looks(config: PlayConfig) -> dict[str, Any]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.config import EvaluateConfig, suite_overrides
+from pipelines.networks import NetworkFile
 from pipelines.workflow.app import command_line_overrides, compose, override_keys
 
 if TYPE_CHECKING:
@@ -29,12 +30,14 @@ class Point:
         config: the complete configuration, without a suite.
         episodes: indices of the task instances that can be run.
         skipped: indices of those without a network for their number of objects (CartesianRHP, Sec. 7.5).
+        networks: number of objects -> its network.
     """
 
     experiment: str
     config: EvaluateConfig
     episodes: tuple[int, ...] = ()
     skipped: tuple[int, ...] = ()
+    networks: Mapping[int, NetworkFile] = field(default_factory=dict, repr=False)
 
     @cached_property
     def identity(self) -> str:
@@ -96,7 +99,7 @@ def compose_points(config: EvaluateConfig) -> list[Point]:
 
 
 def prepare(points: Sequence[Point]) -> list[Point]:
-    """Determine the episodes that can be run, after building each planner once as a check.
+    """Determine the episodes that can be run, and read the networks, after building each planner once as a check.
 
     Raises:
         CheckpointError: a network is missing or damaged, or has another action space or observation. A missing network
@@ -107,7 +110,8 @@ def prepare(points: Sequence[Point]) -> list[Point]:
     """
     from visualrhp.errors import DataError
 
-    prepared = [_prepare(point, is_only=len(points) == 1) for point in points]
+    read: dict[Path, NetworkFile] = {}
+    prepared = [_prepare(point, read, is_only=len(points) == 1) for point in points]
     if not any(point.episodes for point in prepared):
         raise DataError(
             "nothing can be evaluated: no setting has an episode with a network for its number of objects; train one "
@@ -116,8 +120,9 @@ def prepare(points: Sequence[Point]) -> list[Point]:
     return prepared
 
 
-def _prepare(point: Point, is_only: bool) -> Point:
-    from pipelines.planners import build_planner, fixes_num_objects, needed_network
+def _prepare(point: Point, read: dict[Path, NetworkFile], is_only: bool) -> Point:
+    """``read`` has the networks of other points, and gets those of this one."""
+    from pipelines.planners import build_planner, find_network, fixes_num_objects, needed_network, network_name
     from visualrhp.scene.sampling import sampled_num_objects
     from visualrhp.streams import Split
 
@@ -127,10 +132,16 @@ def _prepare(point: Point, is_only: bool) -> Point:
     networks = {m: needed_network(planner, space, heuristics, m) for m in range(low, high + 1)}
     missing = [m for m, path in networks.items() if path is not None and not path.is_file()]
     if len(missing) == len(networks) and (is_only or not fixes_num_objects(planner)):
-        build_planner(planner, space, heuristics, low)  # its error names the missing file
-    for m in networks:
-        if m not in missing:
-            build_planner(planner, space, heuristics, m)
+        find_network(planner, space, heuristics, low)  # its error names the missing file
+    found: dict[int, NetworkFile] = {}
+    for m, path in networks.items():
+        if m in missing:
+            continue
+        build_planner(planner, space, m, path)
+        if path is not None:
+            if path not in read:
+                read[path] = NetworkFile.read(path, network_name(path, config.paths.outputs, heuristics))
+            found[m] = read[path]
     indices = range(config.num_episodes)
     skipped: set[int] = set()
     if missing:
@@ -149,20 +160,9 @@ def _prepare(point: Point, is_only: bool) -> Point:
             config.num_episodes,
         )
     kept = tuple(index for index in indices if index not in skipped)
-    return replace(point, episodes=kept, skipped=tuple(sorted(skipped)))
+    return replace(point, episodes=kept, skipped=tuple(sorted(skipped)), networks=found)
 
 
 def network_hashes(points: Sequence[Point]) -> dict[str, str]:
-    """SHA-256 of every network that the points use, by name."""
-    from pipelines.planners import needed_network, network_name
-
-    hashes = {}
-    for point in points:
-        config = point.config
-        low, high = config.scene.num_objects
-        for m in range(low, high + 1):
-            path = needed_network(config.planner, config.action_space.name, config.heuristics, m)
-            if path is not None and path.is_file():
-                name = network_name(path, config.paths.outputs, config.heuristics)
-                hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return dict(sorted(hashes.items()))
+    """SHA-256 of every network of prepared points, by name."""
+    return dict(sorted({file.name: file.sha256 for point in points for file in point.networks.values()}.items()))

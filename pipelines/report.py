@@ -16,26 +16,29 @@ if TYPE_CHECKING:
     from pipelines.config import ReportConfig
     from pipelines.workflow.tracking import Run
 
+STAGE = "report"
+
 _log = logging.getLogger(__name__)
 
 
-@app("report")
+@app(STAGE)
 def main(config: ReportConfig) -> None:
     """Make the report and publish it."""
-    from pipelines.workflow.artefacts import discard, publish, work_folder
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
-    work = work_folder(config, "report")
-    with open_run(config, "report", "report", work) as run:
-        publish(make_report(config, work, run), config.paths.artefact)
-    discard(work)
+    with open_work(config, STAGE) as work, open_run(config, STAGE, STAGE, work) as run:
+        publish(make_report(config, work, run), config.paths.artefact, STAGE)
     _log.info("The report is %s", Path(config.paths.artefact) / "index.html")
 
 
 def make_report(config: ReportConfig, work: Path, run: Run) -> Path:
     """Load the results of other pipelines, film the planners and write the page; return the folder of the artefact."""
     from pipelines.filming import film, video_tasks
-    from pipelines.workflow.artefacts import discard, git_commit
+    from pipelines.workflow.artefacts import git_commit
+    from pipelines.workflow.publishing import copy_artefacts
+    from pipelines.workflow.workspace import empty_folder
     from visualrhp.evaluation.episodes import read_evaluation
     from visualrhp.evaluation.report_content import page_content
     from visualrhp.evaluation.report_figures import curve_figures, result_figures, sweep_figures
@@ -43,14 +46,20 @@ def make_report(config: ReportConfig, work: Path, run: Run) -> Path:
     from visualrhp.evaluation.styles import save
     from visualrhp.files import write_text
 
-    episodes, evaluation = read_evaluation(Path(config.evaluation))
-    training = [Path(folder) for folder in config.training]
+    read_evaluation(Path(config.evaluation))  # its errors name this folder, not the copy
+    # Other stages may publish while the planners are filmed.
+    inputs = empty_folder(work / "inputs")
+    episodes, evaluation = read_evaluation(copy_artefacts(Path(config.evaluation), inputs / "evaluation"))
+    training = [copy_artefacts(Path(folder), inputs) for folder in config.training if Path(folder).is_dir()]
     demonstrations, stability = (
-        None if folder is None else Path(folder) for folder in (config.sweeps.demonstrations, config.sweeps.stability)
+        None if folder is None else copy_artefacts(Path(folder), inputs / name)
+        for name, folder in (
+            ("demonstrations", config.sweeps.demonstrations),
+            ("stability", config.sweeps.stability),
+        )
     )
-    tasks = video_tasks(config)
-    artefact = work / "artefact"
-    discard(artefact)  # of an interrupted run
+    tasks = video_tasks(config, work)
+    artefact = empty_folder(work / "artefact")
     figures = result_figures(episodes)
     figures |= {"training": curve_figures(training), "sweeps": sweep_figures(demonstrations, stability)}
     for figure in (figure for section in figures.values() for figure in section):

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.training import Part, Training, demonstrations_of, greedy_evaluation, observation_of
+from pipelines.training import Inputs, Part, Training, demonstrations_of, greedy_evaluation, observation_of
 from pipelines.workflow.app import app
 
 if TYPE_CHECKING:
@@ -27,15 +27,16 @@ _STATE = "state.safetensors"
 
 @app(STAGE)
 def main(config: TrainILConfig) -> None:
-    from pipelines.workflow.artefacts import discard, publish, work_folder
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
-    inputs = {"demonstrations": str(_open_demonstrations(config).card["content_hash"])}
-    work = work_folder(config, STAGE, inputs)
-    with open_run(config, STAGE, f"IL {config.action_space.name} {config.observation.name}", work) as run:
-        folder = TRAINING.run(config, config.learner.epochs, work, run)
-        publish(folder, config.paths.artefact)
-    discard(work)
+    content_hash = str(_open_demonstrations(config).card["content_hash"])
+    inputs = Inputs({}, Path(config.demonstrations), content_hash)
+    name = f"IL {config.action_space.name} {config.observation.name}"
+    with open_work(config, STAGE, inputs.hashes) as work, open_run(config, STAGE, name, work) as run:
+        folder = TRAINING.run(inputs.store(config, work), config.learner.epochs, work, run)
+        publish(folder, config.paths.artefact, STAGE)
 
 
 def make_learner(config: TrainILConfig, part: Part) -> ImitationLearner:

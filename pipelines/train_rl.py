@@ -12,13 +12,13 @@ contain both, and the initial network.
 from __future__ import annotations
 
 import functools
-import hashlib
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.training import (
+    Inputs,
     Part,
     Training,
     demonstrations_of,
@@ -26,7 +26,8 @@ from pipelines.training import (
     greedy_evaluation,
     load_start,
     observation_of,
-    parts_of,
+    read_start_networks,
+    start_path,
 )
 from pipelines.workflow.app import app
 
@@ -47,14 +48,15 @@ SAVE_INTERVAL_S = 30.0
 
 @app(STAGE)
 def main(config: TrainRLConfig) -> None:
-    from pipelines.workflow.artefacts import discard, publish, work_folder
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
 
-    work = work_folder(config, STAGE, input_hashes(config))
-    with open_run(config, STAGE, f"RL {config.action_space.name} {config.observation.name}", work) as run:
-        folder = TRAINING.run(config, config.learner.iterations, work, run)
-        publish(folder, config.paths.artefact)
-    discard(work)
+    inputs = read_inputs(config)
+    name = f"RL {config.action_space.name} {config.observation.name}"
+    with open_work(config, STAGE, inputs.hashes) as work, open_run(config, STAGE, name, work) as run:
+        folder = TRAINING.run(inputs.store(config, work), config.learner.iterations, work, run)
+        publish(folder, config.paths.artefact, STAGE)
 
 
 def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
@@ -68,7 +70,7 @@ def make_learner(config: TrainRLConfig, part: Part) -> ReinforcementLearner:
     from visualrhp.environments.batched import BatchedClutterEnv
 
     learner = config.learner
-    network = load_start(_start_path(config, part), config.action_space.name, observation_of(config, part))
+    network = load_start(start_path(config, part), config.action_space.name, observation_of(config, part))
     network = network.to(config.device)
     env = BatchedClutterEnv(
         distribution_of(config, part),
@@ -131,33 +133,28 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
     }
     if not is_validated:  # without validation, the best one is unknown
         published["heuristic"] = published["last"]
+    inputs = read_inputs(config).hashes
     for stem, (network, iteration) in published.items():
-        about = card(config, STAGE, part=part.name, iteration=iteration, metrics=metrics, inputs=input_hashes(config))
+        about = card(config, STAGE, part=part.name, iteration=iteration, metrics=metrics, inputs=inputs)
         save_heuristic(folder / f"{stem}.safetensors", network, about)  # pyright: ignore[reportArgumentType]
     write_json(folder / "history.json", learner.history)
     write_json(folder / "metrics.json", metrics)
 
 
 # ------------------------------------------------------------------------------------------------------------- inputs
-def _start_path(config: TrainRLConfig, part: Part) -> Path:
-    return Path(config.heuristic) / f"heuristic{part.suffix}.safetensors"
-
-
 def _open_demonstrations(config: TrainRLConfig) -> DemonstrationSet:
     from visualrhp.demonstrations.dataset import DemonstrationSet
 
     return DemonstrationSet.open(config.demonstrations, config.action_space.name)
 
 
-def input_hashes(config: TrainRLConfig) -> dict[str, str]:
-    """Hashes of the inputs of the training; missing or damaged files are found here, before any work."""
-    hashes = {}
-    for part in parts_of(config):
-        load_start(_start_path(config, part), config.action_space.name, observation_of(config, part))
-        hashes[part.name] = hashlib.sha256(_start_path(config, part).read_bytes()).hexdigest()
-    if config.learner.algorithm == "dqn":
-        hashes["demonstrations"] = str(_open_demonstrations(config).card["content_hash"])
-    return hashes
+def read_inputs(config: TrainRLConfig) -> Inputs:
+    """The inputs of the training; missing or damaged files are found here, before any work."""
+    networks = read_start_networks(config)
+    if config.learner.algorithm != "dqn":
+        return Inputs(networks)
+    content_hash = str(_open_demonstrations(config).card["content_hash"])
+    return Inputs(networks, Path(config.demonstrations), content_hash)
 
 
 TRAINING = Training(STAGE, "Reinforcement", "iteration", train_part)

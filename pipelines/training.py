@@ -7,7 +7,6 @@ objects, are trained in parallel and tracked as child runs (Sec. 7.5).
 from __future__ import annotations
 
 import functools
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from pipelines.workflow.tracking import Run, flatten
 
 if TYPE_CHECKING:
     from pipelines.config import ExpertIterationConfig, TrainILConfig, TrainRLConfig
+    from pipelines.networks import NetworkFile
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.heuristics.networks import ActorCritic, QNetwork
     from visualrhp.observation import Observation
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from visualrhp.types import ActionSpaceName, Metrics
 
     AnyConfig = TrainILConfig | TrainRLConfig | ExpertIterationConfig
+    StartedConfig = TrainRLConfig | ExpertIterationConfig
 
 NUM_THREADS = 1
 """Number of threads of torch in a training; it determines the order of sums, and thus the last bits of a result."""
@@ -99,6 +100,72 @@ def load_start(path: Path, action_space: ActionSpaceName, expected: Observation)
     return network
 
 
+def start_path(config: StartedConfig, part: Part) -> Path:
+    """File of the initial network."""
+    return Path(config.heuristic) / f"heuristic{part.suffix}.safetensors"
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a training reads, as it was when the stage started.
+
+    Attributes:
+        networks: initial networks by the names of their parts.
+        demonstrations: folder of the set.
+        content_hash: of the set.
+    """
+
+    networks: dict[str, NetworkFile]
+    demonstrations: Path | None = None
+    content_hash: str | None = None
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """Hash of every input."""
+        hashes = {name: file.sha256 for name, file in self.networks.items()}
+        return hashes if self.content_hash is None else hashes | {"demonstrations": self.content_hash}
+
+    def store(self, config: Any, work: Path) -> Any:
+        """Copy the inputs to ``work``, unless an interrupted run did; return the configuration that reads the copies.
+
+        Raises:
+            DataError: the demonstrations were replaced since the stage started.
+        """
+        from pipelines.workflow.publishing import copy_artefacts
+        from visualrhp.demonstrations.dataset import read_card
+        from visualrhp.errors import DataError
+        from visualrhp.files import atomic_path
+
+        folder = work / "inputs"
+        for file in self.networks.values():
+            with atomic_path(folder / file.name) as path:
+                path.write_bytes(file.content)
+        if self.networks:
+            config = replace(config, heuristic=str(folder))
+        if self.demonstrations is not None:
+            copy = copy_artefacts(self.demonstrations, folder, link=True)
+            if read_card(copy).get("content_hash") != self.content_hash:
+                raise DataError(f"{self.demonstrations} was replaced while this command started; run it again")
+            config = replace(config, demonstrations=str(copy))
+        return config
+
+
+def read_start_networks(config: StartedConfig) -> dict[str, NetworkFile]:
+    """The initial network of every part, by its name; missing or damaged ones are found here, before any work.
+
+    Raises:
+        CheckpointError: an initial network is missing or damaged, or has another action space or observation.
+    """
+    from pipelines.networks import NetworkFile
+
+    files = {}
+    for part in parts_of(config):
+        path = start_path(config, part)
+        load_start(path, config.action_space.name, observation_of(config, part))
+        files[part.name] = NetworkFile.read(path, path.name)
+    return files
+
+
 def greedy_evaluation(config: AnyConfig, part: Part) -> Callable[[Any], Metrics] | None:
     """The greedy evaluation between iterations; None if the configuration disables it."""
     if not config.validation.num_instances:
@@ -147,6 +214,7 @@ class Training:
             for row in self.train_part(config, part, part.folder(work)):
                 self._show(progress, row)
                 run.log_metrics(self._tracked(row), step=int(row[self.unit]))
+        self._track_history(part, work, run)  # a killed run may have saved rows that it did not track
 
     def _train_in_parallel(self, config: AnyConfig, parts: list[Part], work: Path, run: Run) -> None:
         """Train each network in a worker; this process tracks it when it is finished."""
@@ -160,9 +228,15 @@ class Training:
         ) as progress:
             for part in run_tasks(task, parts, config.executor):
                 with run.child(part.name, {"num_objects": part.num_objects[0]}) as child:
-                    for row in json.loads((part.folder(work) / "history.json").read_text(encoding="utf-8")):
-                        child.log_metrics(self._tracked(row), step=int(row[self.unit]))
+                    self._track_history(part, work, child)
                 progress.update()
+
+    def _track_history(self, part: Part, work: Path, run: Run) -> None:
+        """Track all rows of a finished training that are not tracked yet."""
+        from visualrhp.files import read_json
+
+        for row in read_json(part.folder(work) / "history.json"):
+            run.log_metrics(self._tracked(row), step=int(row[self.unit]))
 
     def _show(self, progress: Any, row: Metrics) -> None:
         progress.update(int(row[self.unit]) - progress.n)
@@ -179,20 +253,19 @@ class Training:
         """Write the artefact: networks and cards, ``curves.csv``, ``metrics.json``, ``curves.png``, ``greedy.webm``."""
         import pandas as pd
 
+        from pipelines.workflow.workspace import empty_folder
         from visualrhp.evaluation.training_figures import SHOWN_CURVES, training_curves
-        from visualrhp.files import atomic_path, write_json
+        from visualrhp.files import atomic_path, read_json, write_json
 
-        folder = work / "artefact"
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
+        folder = empty_folder(work / "artefact")
         metrics: dict[str, Any] = {}
         tables = {}
         for part in parts:
             made = part.folder(work)
             for path in [*made.glob("heuristic.*"), *made.glob("last.*")]:
                 shutil.copyfile(path, folder / f"{path.stem}{part.suffix}{path.suffix}")
-            metrics[part.name] = json.loads((made / "metrics.json").read_text(encoding="utf-8"))
-            history = pd.DataFrame(json.loads((made / "history.json").read_text(encoding="utf-8")))
+            metrics[part.name] = read_json(made / "metrics.json")
+            history = pd.DataFrame(read_json(made / "history.json"))
             tables[part.name] = history[[name for name in history.columns if not name.endswith(("_per_s", "_time_s"))]]
         write_json(folder / "metrics.json", metrics)
         with atomic_path(folder / "curves.csv") as path:

@@ -39,17 +39,21 @@ _JOURNAL = "episodes.jsonl"
 @app(STAGE)
 def main(config: TuneCraftedConfig) -> None:
     """Search, select and check weights, and publish the artefact."""
-    from pipelines.workflow.artefacts import discard, git_commit, publish, work_folder
+    from pipelines.workflow.artefacts import git_commit
+    from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
+    from pipelines.workflow.workspace import open_work
     from visualrhp.errors import ConfigError
 
     if "action_space" in override_keys(command_line_overrides()):
         raise ConfigError("action_space has no effect here: set action_spaces, as in action_spaces=[discrete].")
     check_libraries()
-    work = work_folder(config, STAGE, {"commit": git_commit() or ""})
-    with open_run(config, STAGE, f"tune crafted heuristic, {' and '.join(config.action_spaces)}", work) as run:
-        publish(tune(config, work, run), config.paths.artefact)
-    discard(work)
+    name = f"tune crafted heuristic, {' and '.join(config.action_spaces)}"
+    with (
+        open_work(config, STAGE, {"commit": git_commit() or ""}) as work,
+        open_run(config, STAGE, name, work) as run,
+    ):
+        publish(tune(config, work, run), config.paths.artefact, STAGE)
 
 
 def check_libraries() -> None:
@@ -93,14 +97,11 @@ def tune(config: TuneCraftedConfig, work: Path, run: Run) -> Path:
         episodes,
     )
     searched: list[TrialRecord] = []
-    finished = len(journal)
     for record in tqdm(search.trials(), total=config.search.num_trials, desc="trials", unit="trial"):
         searched.append(record)
-        if len(journal) > finished:  # otherwise it is tracked already
-            best = max((other.objective for other in searched if not other.is_pruned), default=None)
-            tried = {f"search/{name}": value for name, value in record.weights.items()}
-            run.log_metrics({"search/objective": record.objective, "search/best": best, **tried}, step=record.trial)
-        finished = len(journal)
+        best = max((other.objective for other in searched if not other.is_pruned), default=None)
+        tried = {f"search/{name}": value for name, value in record.weights.items()}
+        run.log_metrics({"search/objective": record.objective, "search/best": best, **tried}, step=record.trial)
     return write_artefact(config, search, search.finish(searched), work / "artefact", run)
 
 
@@ -116,7 +117,7 @@ def run_unit(config: TuneCraftedConfig, task: TrialTask) -> tuple[TrialTask, Tri
     instance = sample_task_instance(config.scene, config.seed, Split.TUNING, task.index)
     planner = replace(config.planner, heuristic=replace(start_weights(config), **task.weights))
     result = run_task(
-        build_planner(planner, task.action_space, "", instance.scene.num_objects),
+        build_planner(planner, task.action_space, instance.scene.num_objects),
         instance,
         config.seed,
         Split.TUNING,
@@ -142,6 +143,7 @@ def write_artefact(
     import optuna
 
     from pipelines.workflow.artefacts import card, git_commit
+    from pipelines.workflow.workspace import empty_folder
     from visualrhp.evaluation.styles import save
     from visualrhp.evaluation.weight_search_figures import pushes_figure, search_figure
     from visualrhp.evaluation.weight_search_tables import (
@@ -153,7 +155,7 @@ def write_artefact(
     )
     from visualrhp.files import atomic_path, write_json, write_text
 
-    folder.mkdir(exist_ok=True)
+    empty_folder(folder)
     with atomic_path(folder / "trials.csv") as path:
         trials_table(result.records, config.action_spaces).to_csv(path, index=False, float_format="%.4g")
     origin = f"# Trial {result.best.trial} of {len(result.searched)}: seed {config.seed}, commit {git_commit()}."

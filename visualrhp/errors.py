@@ -37,3 +37,7 @@ class DataError(VisualRHPError):
 
 class CheckpointError(VisualRHPError):
     """A checkpoint is missing or damaged, or has another action space, observation or architecture."""
+
+
+class StorageError(VisualRHPError):
+    """A file or folder cannot be used: it is not ours, in use or not writable, or the disk is full."""

@@ -14,7 +14,6 @@ from typing import Any
 
 from visualrhp.errors import DataError
 
-_NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _LITTLE_SPACE = 1 << 16
 """A disk with fewer free bytes counts as full."""
 
@@ -51,16 +50,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def remove_unfinished_files(folder: Path) -> None:
     """Remove the temporary files of :func:`atomic_path` that a killed process left in ``folder``."""
-    for path in folder.glob(".*.tmp.*"):
-        path.unlink()
-
-
-def full_disk_error(error: BaseException) -> OSError | None:
-    """The full-disk error among the causes and contexts of ``error``, itself included; None if there is none."""
-    cause: BaseException | None = error  # zipfile closes the file while the error propagates, which fails, too
-    while cause is not None and getattr(cause, "errno", None) not in _NO_SPACE:
-        cause = cause.__cause__ or cause.__context__
-    return cause if isinstance(cause, OSError) else None
+    for pattern in (".*.tmp.*", ".*.tmp"):
+        for path in folder.glob(pattern):
+            if path.is_file():
+                path.unlink()
 
 
 @contextmanager

@@ -14,6 +14,7 @@ code    meaning
 from __future__ import annotations
 
 import functools
+import logging
 import os
 import re
 import signal
@@ -32,6 +33,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from yaml import YAMLError
 
 if TYPE_CHECKING:
     from pipelines.config import PipelineConfig
@@ -111,14 +113,21 @@ def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) 
 def _main(config_name: str, task: Task) -> int:
     debug = os.environ.get(_DEBUG, "0") not in ("", "0")
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    logging.raiseExceptions = False  # a full disk under the log file is reported once, by what it stops
     failures: list[Exception] = []
+    artefacts: set[str] = set()
 
     def run(config: DictConfig) -> None:
         """Hydra's task function; stores the failure of a single run rather than raising it to Hydra."""
+        from pipelines.workflow.surroundings import check_device
+
         is_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
         try:
             typed = to_typed(config, _schema_of(task))
-            task(_in_sweep_folder(typed) if is_sweep else typed)
+            if is_sweep:
+                typed = _in_sweep_folder(typed, artefacts)
+            check_device(typed.device)
+            task(typed)
         except Exception as error:
             mistake = _mistake(error)
             if mistake is None or debug:
@@ -178,20 +187,40 @@ def _hydra_for_one_run() -> Iterator[None]:
 
 def _mistake(error: Exception) -> Exception | None:
     """The error to report at the command line; None if ``error`` is a bug."""
-    from visualrhp.errors import VisualRHPError  # imported lazily, since `--help` does not need the library
+    # Imported lazily, since `--help` does not need the library.
+    from pipelines.workflow.surroundings import storage_error
+    from visualrhp.errors import ConfigError, VisualRHPError
 
     if isinstance(error, VisualRHPError):
         return error
-    return _config_error(error) if isinstance(error, HydraException | OmegaConfBaseException) else None
+    if isinstance(error, YAMLError):
+        return ConfigError(f"A file in {CONFIG_FOLDER} is not valid YAML: {error}")
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return _config_error(error)
+    return storage_error(error)
 
 
-def _in_sweep_folder(config: Config) -> Config:
-    """Give every job of a sweep a separate artefact, named by its overrides, so that rerunning the sweep resumes it."""
+def _in_sweep_folder(config: Config, taken: set[str]) -> Config:
+    """Give every job of a sweep a separate artefact, named by its overrides, so that rerunning the sweep resumes it.
+
+    Raises:
+        ConfigError: the artefact of the job is among those of earlier jobs, ``taken``, to which it is added.
+    """
+    from pipelines.workflow.names import path_name
+    from visualrhp.errors import ConfigError
+
     artefact = config.paths.sweep
     if artefact is None:
         job = HydraConfig.get().job
-        name = re.sub(r"[^\w.,=+\[\]-]", "_", job.override_dirname) or str(job.num)
-        artefact = str(Path(config.paths.outputs) / "sweeps" / job.name / name)
+        artefact = str(
+            Path(config.paths.outputs) / "sweeps" / job.name / path_name(job.override_dirname or str(job.num))
+        )
+    if os.path.abspath(artefact) in taken:
+        raise ConfigError(
+            f"Two jobs of the sweep would write their results to {artefact}: paths.sweep has to depend on every key "
+            "that the sweep varies. The second one was not run."
+        )
+    taken.add(os.path.abspath(artefact))
     return replace(config, paths=replace(config.paths, artefact=artefact))
 
 

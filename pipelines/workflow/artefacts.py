@@ -1,20 +1,11 @@
-"""Folders of unfinished work, and publication of finished artefacts.
-
-A stage works in a folder named by a hash of everything that its result depends on, and moves the finished artefact into
-place in one step. A killed stage therefore resumes when it is rerun with the same configuration, other configurations
-do not use its unfinished work, and DVC, which deletes the outputs of a stage before it runs it, does not delete
-checkpoints.
-"""
+"""Identity of artefacts: the part of a configuration that a result depends on, its hash, and the card."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-import shutil
 import subprocess
-import tempfile
-from collections.abc import Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -47,40 +38,6 @@ def content_hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
-def work_folder(config: PipelineConfig, stage: str, inputs: Mapping[str, str] | None = None) -> Path:
-    """The folder, created if missing, for the unfinished work of ``stage`` with this configuration.
-
-    Args:
-        config: the stage's configuration.
-        stage: its name.
-        inputs: hashes of the artefacts that the stage reads (from their cards), so that work on other data is not
-            resumed.
-    """
-    # The content of inputs counts, not their location, nor that of the artefact.
-    key = content_hash({"config": _without_locations(config), "inputs": dict(inputs or {})})
-    folder = anchored_outputs(config) / "work" / stage / key[:16]
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def publish(folder: Path, destination: str | os.PathLike[str]) -> None:
-    """Move the finished ``folder`` to ``destination`` in one step, replacing its previous content."""
-    target = Path(destination).absolute()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    # In the same folder as the target, so that the last step is a rename within one file system.
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as aside:
-        arrived = Path(aside) / "new"
-        shutil.move(folder, arrived)
-        if target.exists():
-            target.rename(Path(aside) / "old")
-        arrived.rename(target)
-
-
-def discard(folder: Path) -> None:
-    """Delete a work folder whose artefact was published."""
-    shutil.rmtree(folder, ignore_errors=True)
-
-
 def card(config: PipelineConfig, stage: str, **content: Any) -> dict[str, Any]:
     """The content of the JSON card of an artefact: configuration, commit, versions and ``content``.
 
@@ -90,7 +47,7 @@ def card(config: PipelineConfig, stage: str, **content: Any) -> dict[str, Any]:
         "stage": stage,
         "seed": config.seed,
         "scale": config.scale["name"],
-        "config": _without_locations(config),
+        "config": result_config_without_locations(config),
         "commit": git_commit(),
         "versions": {name: _version(name) for name in ("visualrhp", "torch", "numpy", "pymunk")},
         **content,
@@ -103,7 +60,7 @@ def git_commit() -> str | None:
     try:
         commit = _git("rev-parse", "HEAD")
         return f"{commit}-dirty" if _git("status", "--porcelain", "--untracked-files=no") else commit
-    except (OSError, subprocess.CalledProcessError):
+    except (OSError, subprocess.SubprocessError):  # it is not installed, too slow, or refuses the folder
         return None
 
 
@@ -112,11 +69,12 @@ def dvc_stage() -> str | None:
     return os.environ.get("DVC_STAGE")
 
 
-def _without_locations(config: PipelineConfig) -> dict[str, Any]:
-    outputs = config.paths.outputs
+def result_config_without_locations(config: PipelineConfig) -> dict[str, Any]:
+    """:func:`result_config` without the values that name files in the outputs."""
+    roots = (config.paths.outputs, str(anchored_outputs(config)))
 
     def is_location(value: Any) -> bool:
-        return isinstance(value, str) and (value == outputs or value.startswith(f"{outputs}/"))
+        return isinstance(value, str) and any(value == root or value.startswith(f"{root}/") for root in roots)
 
     def without(content: dict[str, Any]) -> dict[str, Any]:
         return {

@@ -2,17 +2,15 @@
 
 The database is ``<outputs>/mlflow.db``, files are under ``<outputs>/mlruns``; ``make ui`` shows them. When DVC runs an
 experiment in a copy of the repository, those of the original repository are used. A resumed stage continues its run,
-whose id is in its work folder.
+whose id is in a file beside its work folder, and records what is missing there: every metric is recorded once per step.
+Runs of killed processes are closed by the next stage.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
-import logging
 import os
-import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -22,20 +20,18 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from pipelines.workflow.artefacts import anchored_outputs, dvc_stage, git_commit
+from pipelines.workflow.names import metric_name
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
     from pipelines.config import PipelineConfig
 
-_RUN_FILE = "mlflow_runs.json"
+_WORK_TAG = "visualrhp.work"
+"""Tag of a run: the work folder of its stage, relative to the outputs. Its lock shows whether the stage is running."""
+
 _MAX_PARAM_LENGTH = 6000
 _BATCH = 100
-_DESCRIPTION = """\
-Runs of the pipelines. Every stage is a run; parts of a stage are its children. Charts are grouped by `train/`,
-`validation/`, `collection/` and so on; select runs and press *Compare* to compare them. Videos and figures are
-among the artefacts.
-"""
 
 
 class Run(ABC):
@@ -48,7 +44,10 @@ class Run(ABC):
 
     @abstractmethod
     def log_metrics(self, metrics: Mapping[str, float | int | None], step: int = 0) -> None:
-        """Record numbers in one write, except those that are None. ``step`` is an iteration or epoch."""
+        """Record numbers in one write, except those that are None, and those already recorded for this step.
+
+        ``step`` is an iteration or epoch.
+        """
 
     @abstractmethod
     def log_artifact(self, path: str | os.PathLike[str]) -> None:
@@ -68,18 +67,22 @@ def open_run(config: PipelineConfig, stage: str, name: str, work: Path | None = 
         stage: the pipeline.
         name: of the run.
         work: work folder of the stage; an unfinished run that was started there is resumed.
+
+    Raises:
+        DataError: the database cannot be used.
+        StorageError: the disk is full, or a file cannot be written.
     """
     if config.tracking.name == "none":
         yield _NullRun()
         return
-    tracker = _Tracker(config, stage, work)
-    with tracker.run(name, parent=None, params=flatten(_params(config))) as run:
-        yield run
+    from pipelines.workflow.tracking_database import explain_tracking
 
-
-def metric_name(name: str) -> str:
-    """``name`` in the characters that MLflow allows: "rate/VisualRHP+ 3x3" -> "rate/VisualRHP plus 3x3"."""
-    return re.sub(r"[^\w\-. :/]", "_", name.replace("+", " plus"))
+    outputs = anchored_outputs(config)
+    with explain_tracking(outputs):
+        tracker = _Tracker(config, stage, outputs, work)
+        tracker.close_orphans()
+        with tracker.run(name, parent=None, params=flatten(_params(config))) as run:
+            yield run
 
 
 def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -123,12 +126,32 @@ class _NullRun(Run):
 class _Tracker:
     """Makes, resumes and ends the runs of one stage."""
 
-    def __init__(self, config: PipelineConfig, stage: str, work: Path | None) -> None:
-        outputs = anchored_outputs(config)
-        self.client, self.experiment_id = _open_experiment(outputs, config.tracking.experiment)
+    def __init__(self, config: PipelineConfig, stage: str, outputs: Path, work: Path | None) -> None:
+        from pipelines.workflow.tracking_database import open_experiment
+        from pipelines.workflow.workspace import RUNS_SUFFIX
+
+        self.client, self.experiment_id = open_experiment(outputs, config.tracking.experiment)
         self.stage = stage
         self.system_metrics = config.tracking.system_metrics
-        self._run_file = work / _RUN_FILE if work is not None else None
+        self._outputs = outputs
+        self._work = work
+        self._run_file = work.with_name(work.name + RUNS_SUFFIX) if work is not None else None
+
+    def close_orphans(self) -> None:
+        """Mark the runs of stages that were killed, and not resumed, as killed.
+
+        A stage that runs holds the lock of its work folder. Runs without a work folder are not changed.
+        """
+        from pipelines.workflow.workspace import is_locked
+
+        running = self.client.search_runs([self.experiment_id], "attributes.status = 'RUNNING'", max_results=1000)
+        own, resumed = self._work_name(), set(self._known().values())
+        for run in running:
+            work = run.data.tags.get(_WORK_TAG)
+            if work is None or run.info.run_id in resumed:
+                continue
+            if work == own or not is_locked(self._outputs / work):
+                self.client.set_terminated(run.info.run_id, "KILLED")
 
     @contextmanager
     def run(self, name: str, parent: _MlflowRun | None, params: Mapping[str, Any]) -> Iterator[_MlflowRun]:
@@ -143,7 +166,7 @@ class _Tracker:
             self._remember(path, run_id)
         else:
             self.client.update_run(run_id, status="RUNNING")
-        run = _MlflowRun(self, path, run_id)
+        run = _MlflowRun(self, path, run_id, _recorded_steps(self.client, run_id) if resumed else {})
         _log_params(self.client, run_id, params)
         monitor = self._monitor(run_id, resumed) if parent is None and self.system_metrics else contextlib.nullcontext()
         status = "FAILED"
@@ -166,6 +189,7 @@ class _Tracker:
             "dvc.stage": dvc_stage(),
             "dvc.experiment": os.environ.get("DVC_EXP_NAME"),
             "mlflow.parentRunId": parent.id if parent else None,
+            _WORK_TAG: self._work_name(),
         }
         return {key: value for key, value in tags.items() if value}
 
@@ -183,15 +207,30 @@ class _Tracker:
         return run_id if run.info.lifecycle_stage == "active" else None
 
     def _known(self) -> dict[str, str]:
-        if self._run_file is None or not self._run_file.is_file():
+        """Ids of the runs of this work folder, by path."""
+        from visualrhp.errors import DataError
+        from visualrhp.files import read_json
+
+        if self._run_file is None or not self._run_file.exists():
             return {}
-        return json.loads(self._run_file.read_text(encoding="utf-8"))
+        known = read_json(self._run_file)
+        if isinstance(known, dict) and all(isinstance(run_id, str) for run_id in known.values()):
+            return known
+        raise DataError(
+            f"{self._run_file} is damaged: it should map names of runs to their ids. Delete it; the stage then "
+            "continues its work, with a new run in MLflow."
+        )
 
     def _remember(self, path: str, run_id: str) -> None:
         if self._run_file is not None:
             from visualrhp.files import write_json
 
             write_json(self._run_file, {**self._known(), path: run_id})
+
+    def _work_name(self) -> str | None:
+        if self._work is None or not self._work.is_relative_to(self._outputs):
+            return None
+        return self._work.relative_to(self._outputs).as_posix()
 
     def _monitor(self, run_id: str, resumed: bool) -> AbstractContextManager[object]:
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
@@ -218,10 +257,12 @@ class _Monitoring:
 class _MlflowRun(Run):
     """A run in MLflow."""
 
-    def __init__(self, tracker: _Tracker, path: str, run_id: str) -> None:
+    def __init__(self, tracker: _Tracker, path: str, run_id: str, recorded: dict[str, set[int]]) -> None:
+        """``recorded`` has the steps of every metric in the database."""
         self.path = path
         self._tracker = tracker
         self._id = run_id
+        self._recorded = recorded
 
     @property
     def id(self) -> str:
@@ -231,11 +272,16 @@ class _MlflowRun(Run):
         from mlflow.entities import Metric
 
         now = int(time.time() * 1000)
+        present = {metric_name(key): float(value) for key, value in metrics.items() if value is not None}
         entries = [
-            Metric(metric_name(key), float(value), now, step) for key, value in metrics.items() if value is not None
+            Metric(name, value, now, step)
+            for name, value in present.items()
+            if step not in self._recorded.get(name, ())
         ]
         if entries:
             self._tracker.client.log_batch(self._id, metrics=entries)
+        for entry in entries:
+            self._recorded.setdefault(entry.key, set()).add(step)
 
     def log_artifact(self, path: str | os.PathLike[str]) -> None:
         if Path(path).is_dir():
@@ -247,27 +293,10 @@ class _MlflowRun(Run):
         return self._tracker.run(name, parent=self, params=flatten(params or {}))
 
 
-def _open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
-    """Connect to the database in ``outputs``; create it and the experiment if they do not exist."""
-    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
-    for noisy in ("alembic", "mlflow.store.db.utils", "mlflow.system_metrics"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
-    from filelock import FileLock
-    from mlflow import MlflowClient
-    from mlflow.exceptions import MlflowException
-
-    outputs.mkdir(parents=True, exist_ok=True)
-    # Two processes that both find no tables would both create them.
-    with FileLock(outputs / "mlflow.lock"):
-        client = MlflowClient(f"sqlite:///{outputs / 'mlflow.db'}?timeout=60")
-        experiment = client.get_experiment_by_name(name)
-        if experiment is not None:
-            return client, experiment.experiment_id
-        with contextlib.suppress(MlflowException):
-            client.delete_experiment("0")  # MLflow's empty default experiment
-        # With this kind, the UI opens on training runs; without it, on traces of language models.
-        tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": _DESCRIPTION}
-        return client, client.create_experiment(name, artifact_location=(outputs / "mlruns").as_uri(), tags=tags)
+def _recorded_steps(client: MlflowClient, run_id: str) -> dict[str, set[int]]:
+    """The steps of every metric of a run but those of the machine."""
+    names = [name for name in client.get_run(run_id).data.metrics if not name.startswith("system/")]
+    return {name: {entry.step for entry in client.get_metric_history(run_id, name)} for name in names}
 
 
 def _log_params(client: MlflowClient, run_id: str, params: Mapping[str, Any]) -> None:

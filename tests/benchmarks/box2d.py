@@ -10,7 +10,7 @@ import joblib
 import numpy as np
 
 from pipelines.config import EvaluateConfig
-from pipelines.planners import build_planner
+from pipelines.planners import build_planner, find_network
 from pipelines.workflow.app import compose
 from tests.benchmarks.timing import Effort
 from visualrhp.evaluation.metrics import wilson_interval
@@ -77,4 +77,5 @@ def run_in_box2d(
 @functools.cache
 def _planner(overrides: tuple[str, ...], space: ActionSpaceName, num_objects: int) -> Planner:
     config = compose("evaluate", EvaluateConfig, [f"action_space={space}", *overrides])
-    return build_planner(config.planner, space, "pretrained", num_objects)
+    network = find_network(config.planner, space, "pretrained", num_objects)
+    return build_planner(config.planner, space, num_objects, network)

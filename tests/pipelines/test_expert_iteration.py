@@ -75,7 +75,7 @@ def test_the_clutter_grows_for_images_and_is_fixed_for_features(outputs: Path) -
 
 def test_what_does_not_fit_is_refused_before_any_work(outputs: Path) -> None:
     with pytest.raises(CheckpointError, match="nowhere"):
-        stage.input_hashes(configure(outputs, "heuristic=nowhere"))
+        stage.read_start_networks(configure(outputs, "heuristic=nowhere"))
     with pytest.raises(ConfigError, match="deadline_s"):
         configure(outputs, "planner.deadline_s=0.1")
     with pytest.raises(ConfigError, match="planner"):

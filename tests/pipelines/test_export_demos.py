@@ -14,7 +14,7 @@ from pipelines.workflow.app import compose
 from pipelines.workflow.artefacts import card
 from visualrhp.demonstrations.generate import generate_block
 from visualrhp.demonstrations.writer import DemonstrationWriter
-from visualrhp.errors import DataError
+from visualrhp.errors import DataError, StorageError
 
 SETTINGS = ("scale=smoke", "tracking=none", "action_space=discrete")
 
@@ -31,6 +31,7 @@ def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def configure(demonstrations: Path, artefact: Path, *overrides: str) -> ExportDemosConfig:
     settings = [*SETTINGS, f"demonstrations={demonstrations}", f"paths.artefact={artefact}", *overrides]
+    settings.append(f"paths.outputs={demonstrations.parent / 'outputs'}")
     return compose("export_demos", ExportDemosConfig, settings)
 
 
@@ -63,7 +64,7 @@ def test_a_failed_export_leaves_the_earlier_one(tmp_path: Path, demonstrations: 
     export(configure(demonstrations, target, "format=parquet"))
     before = {path.name: path.read_bytes() for path in target.iterdir()}
     with pytest.raises(DataError, match="7"):
-        export(configure(demonstrations, target, "format=parquet", "num_objects=7"))
+        export(configure(demonstrations, tmp_path / "other", "format=parquet", "num_objects=7"))
     with pytest.raises(DataError, match=r"card\.json is missing"):
         export(configure(tmp_path / "nowhere", target, "format=parquet"))
     assert {path.name: path.read_bytes() for path in target.iterdir()} == before
@@ -78,8 +79,34 @@ def test_demonstrations_of_the_other_action_space_are_refused(tmp_path: Path, de
 
 def test_the_command_exports(tmp_path: Path, demonstrations: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = [*SETTINGS, f"demonstrations={demonstrations}", f"paths.artefact={tmp_path / 'export'}"]
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["export_demos", *settings, "format=parquet"])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 0
     assert (tmp_path / "export" / "transitions.parquet").is_file()
+
+
+def test_two_data_sets_of_minari_share_a_folder(tmp_path: Path, demonstrations: Path) -> None:
+    """The commands of docs/demonstrations.md."""
+    minari = pytest.importorskip("minari")
+    root = tmp_path / "minari"
+    export(configure(demonstrations, root, "format=minari"))
+    image = (root / "visualrhp" / "discrete-image-v0" / "data" / "main_data.hdf5").read_bytes()
+    export(configure(demonstrations, root, "format=minari", "observation=cartesian", "num_objects=1"))
+    assert (root / "visualrhp" / "discrete-image-v0" / "data" / "main_data.hdf5").read_bytes() == image
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINARI_DATASETS_PATH", str(root))
+        assert set(minari.list_local_datasets()) == {"visualrhp/discrete-image-v0", "visualrhp/discrete-cartesian-v0"}
+        assert minari.load_dataset("visualrhp/discrete-image-v0").total_episodes == 5
+
+
+def test_an_export_of_other_demonstrations_is_not_replaced(tmp_path: Path, demonstrations: Path) -> None:
+    target = tmp_path / "export"
+    export(configure(demonstrations, target, "format=parquet", "num_objects=1"))
+    export(configure(demonstrations, target, "format=parquet", "num_objects=1"))
+    with pytest.raises(StorageError, match=r"holds another export \(parquet, num_objects=1\)"):
+        export(configure(demonstrations, target, "format=parquet"))
+    with pytest.raises(StorageError, match="was not made by"):
+        export(configure(demonstrations, demonstrations, "format=parquet"))
+    assert (demonstrations / "card.json").is_file()

@@ -22,7 +22,7 @@ def test_every_planner_is_filmed_on_every_scene(tmp_path: Path) -> None:
         tmp_path, "videos.planners=[kinodynamic_rrt,crafted_heuristic_rhp]", "videos.num_scenes=3", "seed=5"
     )
     assert scene_sizes(config) == {0: 4, 1: 7, 2: 4}
-    tasks = video_tasks(config)
+    tasks = video_tasks(config, tmp_path)
     found = {
         (task.scene_index, task.config.scene.num_objects[0], task.config.action_space.name, task.config.planner.name)
         for task in tasks
@@ -34,13 +34,13 @@ def test_every_planner_is_filmed_on_every_scene(tmp_path: Path) -> None:
 
 def test_videos_need_the_networks_of_their_planners(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"heuristic\.safetensors"):
-        video_tasks(configure(tmp_path, "videos.planners=[greedy]"))
-    (first, *_) = video_tasks(configure(tmp_path, "videos.planners=[cartesian_rhp]"))
+        video_tasks(configure(tmp_path, "videos.planners=[greedy]"), tmp_path)
+    (first, *_) = video_tasks(configure(tmp_path, "videos.planners=[cartesian_rhp]"), tmp_path)
     attempt = film_task(first)
     assert (attempt.film, attempt.description) == (None, "CartesianRHP 3x3: no network for 4 objects")
 
 
 def test_without_scenes_nothing_is_written(tmp_path: Path) -> None:
     config = configure(tmp_path, "videos.num_scenes=0")
-    assert film(config, video_tasks(config), tmp_path / "videos") == []
+    assert film(config, video_tasks(config, tmp_path), tmp_path / "videos") == []
     assert not (tmp_path / "videos").exists()

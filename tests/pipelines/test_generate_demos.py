@@ -18,9 +18,10 @@ from pipelines import generate_demos
 from pipelines.config import ExecutorConfig, GenerateDemosConfig
 from pipelines.workflow import executor as workflow_executor
 from pipelines.workflow.app import compose
+from pipelines.workflow.surroundings import explain_storage
 from pipelines.workflow.tracking import open_run
 from visualrhp.demonstrations.dataset import DemonstrationSet
-from visualrhp.errors import ConfigError, DataError
+from visualrhp.errors import ConfigError, DataError, StorageError
 from visualrhp.files import detect_full_disk
 
 SETTINGS = (
@@ -194,8 +195,8 @@ def test_a_full_disk_is_explained_and_generation_resumes_from_the_finished_shard
 
     monkeypatch.setattr(np, "savez", on_a_full_disk)
     with (
-        pytest.raises(DataError, match=r"no space left .* rerun the command to resume"),
-        generate_demos.explain_full_disk(tmp_path),
+        pytest.raises(StorageError, match=r"no space left .* rerun the command to resume"),
+        explain_storage(tmp_path),
     ):
         generate(tmp_path)
     kept = content(tmp_path / "set")
@@ -217,8 +218,8 @@ def test_a_file_that_cannot_grow_is_a_full_disk(tmp_path: Path, reference: dict[
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest_block + 1, hard))
     try:
         with (
-            pytest.raises(DataError, match=r"no space left .*File too large"),
-            generate_demos.explain_full_disk(tmp_path),
+            pytest.raises(StorageError, match=r"no space left .*File too large"),
+            explain_storage(tmp_path),
         ):
             generate(tmp_path)
     finally:
@@ -230,8 +231,8 @@ def test_a_disk_that_the_video_filled_is_a_full_disk(tmp_path: Path, monkeypatch
     """OpenCV does not say so."""
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
     with (
-        pytest.raises(DataError, match="no space left"),
-        generate_demos.explain_full_disk(tmp_path),
+        pytest.raises(StorageError, match="no space left"),
+        explain_storage(tmp_path),
         detect_full_disk(tmp_path),
     ):
         pass
@@ -241,9 +242,10 @@ def test_a_disk_that_the_video_filled_is_a_full_disk(tmp_path: Path, monkeypatch
 
 
 def test_other_errors_are_not_reported_as_a_full_disk(tmp_path: Path) -> None:
-    for error in (PermissionError(errno.EACCES, "no"), ValueError("no")):
-        with pytest.raises(type(error), match="no"), generate_demos.explain_full_disk(tmp_path):
-            raise error
+    with pytest.raises(StorageError, match="file: Permission denied"), explain_storage(tmp_path):
+        raise PermissionError(errno.EACCES, "Permission denied", "file")
+    with pytest.raises(ValueError, match="no"), explain_storage(tmp_path):
+        raise ValueError("no")
 
 
 def test_unfinished_files_of_a_killed_process_are_removed(tmp_path: Path, reference: dict[str, bytes]) -> None:

@@ -12,7 +12,7 @@ import torch
 
 from pipelines import play as pipeline
 from pipelines.config import PlayConfig
-from pipelines.planners import build_planner, needed_network
+from pipelines.planners import build_planner, find_network, needed_network
 from pipelines.workflow.app import CONFIG_FOLDER, compose
 from tests.rendering.fake_window import FakeTime, FakeToolkit
 from visualrhp.errors import CheckpointError, ConfigError, SceneError
@@ -51,7 +51,10 @@ def configure(*overrides: str) -> PlayConfig:
 
 
 def planner_of(config: PlayConfig, num_objects: int) -> Planner:
-    return build_planner(config.planner, config.action_space.name, config.heuristics, num_objects)
+    space = config.action_space.name
+    return build_planner(
+        config.planner, space, num_objects, find_network(config.planner, space, config.heuristics, num_objects)
+    )
 
 
 def played(config: PlayConfig, window: Window | None = None) -> tuple[EpisodeResult, Scene]:
@@ -158,7 +161,22 @@ def test_where_nothing_was_trained_the_released_networks_play(
 def test_names_of_files_tell_planners_apart() -> None:
     stems = {pipeline.file_stem(configure(f"planner={planner}"), 2) for planner in PLANNERS}
     assert len(stems) == len(PLANNERS)
-    assert "visualrhp-plus-3x3_continuous_m2_seed0_index0" in stems
+    assert any(stem.startswith("visualrhp-plus-3x3_continuous_m2_seed0_index0_") for stem in stems)
+
+
+def test_names_of_files_tell_configurations_and_scene_files_apart(tmp_path: Path) -> None:
+    instance = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 5, Split.TUNING, 1)
+    other = sample_task_instance(SceneDistribution(num_objects=(3, 3)), 5, Split.TUNING, 2)
+    paths = [tmp_path / "a" / "scene.yaml", tmp_path / "b" / "scene.yaml"]
+    for path, task in zip(paths, (instance, other), strict=True):
+        path.parent.mkdir()
+        save_task_instance(path, task)
+    settings = [[f"scene_file={path}"] for path in paths]
+    settings += [[], ["planner.horizon=3"], ["heuristics=outputs/train_il"], ["heuristics=outputs/train_rl"]]
+    settings += [[f"planner.name={'x' * 300}"], [f"planner.name={'x' * 301}"]]
+    stems = [pipeline.file_stem(configure(*overrides), 3) for overrides in settings]
+    assert len(set(stems)) == len(stems)
+    assert all(len(stem) < 200 for stem in stems)
 
 
 def test_a_scene_from_a_file_is_played(tmp_path: Path) -> None:
@@ -167,7 +185,8 @@ def test_a_scene_from_a_file_is_played(tmp_path: Path) -> None:
     save_task_instance(path, instance)
     config = configure(f"scene_file='{path}'")
     assert pipeline.task_instance(config) == instance
-    assert pipeline.file_stem(config, 3) == "craftedheuristicrhp-2x2_continuous_three-things_seed0_index0"
+    stem = pipeline.file_stem(config, 3)
+    assert stem.startswith("craftedheuristicrhp-2x2_continuous_three-things_seed0_index0_")
     with pytest.raises(SceneError, match=r"missing\.yaml"):
         pipeline.task_instance(configure("scene_file=missing.yaml"))
 
@@ -184,10 +203,10 @@ def test_video_and_card_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.chdir(tmp_path)
     assert run_main(monkeypatch, "index=4", "noise_level=low") == 0
     folder = tmp_path / "outputs" / "play"
-    stem = "craftedheuristicrhp-2x2-low-noise_continuous_m2_seed0_index4"
+    config = configure("index=4", "noise_level=low")
+    stem = pipeline.file_stem(config, 2)
     assert sorted(path.name for path in folder.iterdir()) == [f"{stem}.json", f"{stem}.webm"]
     card = json.loads((folder / f"{stem}.json").read_text())
-    config = configure("index=4", "noise_level=low")
     expected = evaluated(config)
     steps = len(expected.episode.states) - 1
     assert (card["outcome"], card["num_actions"]) == (expected.outcome, steps)

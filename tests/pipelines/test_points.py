@@ -99,10 +99,10 @@ def test_the_card_describes_a_point() -> None:
 
 def test_networks_are_listed_with_their_hashes(untrained_heuristics: Path) -> None:
     points = compose_points(cartesian(untrained_heuristics, "scene.num_objects=[1,3]"))
-    hashes = network_hashes(points)
+    hashes = network_hashes(prepare(points))
     assert list(hashes) == [f"continuous/cartesian/heuristic_m{m}.safetensors" for m in (1, 2)]
     assert all(len(value) == 64 for value in hashes.values())
-    assert network_hashes(compose_points(configure())) == {}
+    assert network_hashes(prepare(compose_points(configure()))) == {}
 
 
 @pytest.mark.parametrize(

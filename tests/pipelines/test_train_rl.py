@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipelines.config import TrainRLConfig
-from pipelines.train_rl import input_hashes, make_learner, train_part
+from pipelines.train_rl import make_learner, read_inputs, train_part
 from pipelines.training import parts_of
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import single_threaded
@@ -78,14 +78,14 @@ def test_without_validation_the_last_network_is_published(outputs):
 
 def test_networks_that_do_not_fit_are_refused_before_any_work(outputs):
     with pytest.raises(CheckpointError, match=r"_m1\.safetensors"):
-        input_hashes(configure(outputs, f"heuristic={outputs}/nowhere"))
+        read_inputs(configure(outputs, f"heuristic={outputs}/nowhere"))
     other_space = outputs / "train_il/discrete/cartesian"
     with pytest.raises(CheckpointError, match="action_space=discrete"):
-        input_hashes(configure(outputs, f"heuristic={other_space}"))
+        read_inputs(configure(outputs, f"heuristic={other_space}"))
     image = outputs / "train_il/continuous/image"
     (image / "heuristic.safetensors").rename(image / "heuristic_m1.safetensors")
     with pytest.raises(CheckpointError, match="observation=cartesian"):
-        input_hashes(configure(outputs, f"heuristic={image}"))
+        read_inputs(configure(outputs, f"heuristic={image}"))
 
 
 @pytest.mark.parametrize("algorithm", ["c3po", "ppo"])

@@ -42,11 +42,11 @@ def test_all_replay_and_are_counted(
     tmp_path: Path, made: tuple[str, Path], capsys: pytest.CaptureFixture[str], num_workers: int
 ) -> None:
     space, folder = made
-    path = verify(configure(space, folder, tmp_path, f"executor.num_workers={num_workers}"))
+    result = verify(configure(space, folder, tmp_path, f"executor.num_workers={num_workers}"))
     of_set = json.loads((folder / "card.json").read_text())
     said = capsys.readouterr().out
     assert said.startswith(f"12 of 12 demonstrations ({of_set['num_transitions']} transitions) replay bit-exactly")
-    content = json.loads(path.read_text())
+    content = json.loads((result / "verification.json").read_text())
     assert content["demonstrations"] == 12 and content["content_hash"] == of_set["content_hash"]
 
 

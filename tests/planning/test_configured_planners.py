@@ -28,7 +28,7 @@ DEFAULT, DECISION = KinodynamicRRT(), KinodynamicRRT(max_simulations=20000)
 )
 def test_a_planner_is_what_its_configuration_says(overrides: list[str], expected: Planner) -> None:
     config = compose("evaluate", EvaluateConfig, overrides).planner
-    planner = build_planner(config, "continuous", "no folder", 4)
+    planner = build_planner(config, "continuous", 4)
     assert isinstance(planner, type(expected))
     given, wanted = asdict(planner), asdict(expected)  # pyright: ignore[reportArgumentType]
     for parameters in (given, given.get("rrt", {})):  # the tag of the configuration

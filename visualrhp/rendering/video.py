@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from visualrhp.errors import ConfigError, DataError
-from visualrhp.files import atomic_path
+from visualrhp.files import atomic_path, detect_full_disk
 
 Frame = npt.NDArray[np.uint8]
 """A picture: [H, W, 3] uint8, RGB, row 0 at the top."""
@@ -38,6 +38,7 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Frame], fps: floa
     Raises:
         ConfigError: the suffix is another one, or ``fps`` is not positive.
         DataError: no frames, frames that differ in size or are not RGB bytes, or no VP8 encoder in this OpenCV.
+        OSError: the disk is full.
     """
     if Path(path).suffix != ".webm":
         raise ConfigError(f"{path}: videos are written as VP8 in a .webm file; choose a name that ends in .webm")
@@ -47,7 +48,7 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Frame], fps: floa
     first = next(remaining, None)
     if first is None:
         raise DataError(f"{path}: a video needs at least one frame")
-    with atomic_path(path) as temporary:
+    with atomic_path(path) as temporary, detect_full_disk(temporary.parent):  # OpenCV does not report it
         height, width = _checked(first, first.shape, path).shape[:2]
         size = (width + width % 2, height + height % 2)
         with _quiet_stderr():  # OpenCV warns that "VP80" is not WebM's tag for VP8, but encodes correctly

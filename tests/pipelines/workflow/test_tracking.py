@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,10 @@ import pytest
 
 from pipelines.config import TrainILConfig
 from pipelines.workflow.app import compose
-from pipelines.workflow.tracking import flatten, metric_name, open_run
+from pipelines.workflow.names import metric_name
+from pipelines.workflow.tracking import flatten, open_run
+from pipelines.workflow.workspace import locked
+from visualrhp.errors import DataError
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +137,60 @@ def test_metrics_of_any_name_are_recorded(configure: Callable[..., TrainILConfig
     assert client.get_run(run.id).data.metrics == {metric_name(name): 0.5}
 
 
-def test_names_of_metrics() -> None:
-    assert metric_name("success_rate/VisualRHP+ 3x3") == "success_rate/VisualRHP plus 3x3"
-    assert metric_name("progress/a_b-c.d: e") == "progress/a_b-c.d: e"
-
-
 def test_flatten() -> None:
     assert flatten({"a": {"b": 1, "c": {"d": (1, 7)}}, "e": {}}) == {"a.b": 1, "a.c.d": (1, 7), "e": {}}
+
+
+# ------------------------------------------------------------------------------------------------------- after a kill
+@pytest.fixture
+def work(outputs: Path, request: pytest.FixtureRequest) -> Path:
+    """A work folder in the outputs."""
+    folder = outputs / "work" / "train_il" / str(abs(hash(request.node.name)))
+    folder.mkdir(parents=True)
+    return folder
+
+
+def kill(config: TrainILConfig, work: Path, metrics: dict[str, float], step: int) -> str:
+    """A process that is killed while its run is open: the run stays RUNNING."""
+    opened = open_run(config, "train_il", "killed", work)
+    run = opened.__enter__()
+    run.log_metrics(metrics, step)
+    assert run.id is not None
+    tracker = run._tracker  # type: ignore[attr-defined]
+    tracker.client.set_terminated = lambda *_: None
+    with contextlib.suppress(RuntimeError):
+        opened.__exit__(RuntimeError, RuntimeError("killed"), None)
+    return run.id
+
+
+def test_every_step_is_recorded_once(configure: Callable[..., TrainILConfig], client: Any, work: Path) -> None:
+    first = kill(configure(), work, {"train/loss": 2.0}, 0)
+    assert client.get_run(first).info.status == "RUNNING"
+    with open_run(configure(), "train_il", "killed", work) as run:
+        for step in range(3):  # a resumed stage tracks its whole history
+            run.log_metrics({"train/loss": 2.0 - step, "train/other": 1.0}, step)
+    assert run.id == first
+    for name in ("train/loss", "train/other"):
+        assert [metric.step for metric in client.get_metric_history(first, name)] == [0, 1, 2]
+
+
+def test_runs_of_killed_processes_are_closed(configure: Callable[..., TrainILConfig], client: Any, work: Path) -> None:
+    orphan = kill(configure(), work, {}, 0)
+    runs = work.with_name(work.name + ".runs.json")
+    runs.unlink()  # killed before the id was stored
+    with locked(work), open_run(configure(), "train_il", "next", work) as run:
+        assert client.get_run(orphan).info.status == "KILLED"
+        with open_run(configure(), "train_il", "at the same time"):
+            assert client.get_run(run.id).info.status == "RUNNING"
+    assert client.get_run(run.id).info.status == "FINISHED"
+
+
+def test_damaged_ids_are_named(configure: Callable[..., TrainILConfig], work: Path) -> None:
+    runs = work.with_name(work.name + ".runs.json")
+    for content in ("[]", '{"a": 1}', "{", ""):
+        runs.write_text(content)
+        with (
+            pytest.raises(DataError, match=r"\.runs\.json is damaged"),
+            open_run(configure(), "train_il", "damaged", work),
+        ):
+            pass

@@ -1,0 +1,155 @@
+"""The MLflow database of the outputs: opened, checked, and adapted when the outputs were moved or copied."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from pipelines.workflow.surroundings import storage_error
+from visualrhp.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+DATABASE: Final = "mlflow.db"
+ARTIFACTS: Final = "mlruns"
+_TIMEOUT_S = 60
+_DESCRIPTION = """\
+Runs of the pipelines. Every stage is a run; parts of a stage are its children. Charts are grouped by `train/`,
+`validation/`, `collection/` and so on; select runs and press *Compare* to compare them. Videos and figures are
+among the artefacts.
+"""
+_LOCATIONS: Final = (
+    ("experiments", "artifact_location"),
+    ("runs", "artifact_uri"),
+    ("logged_models", "artifact_location"),
+    ("model_versions", "source"),
+    ("model_versions", "storage_location"),
+)
+"""Tables and columns with absolute paths of files."""
+
+
+def open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
+    """Connect to the database in ``outputs``; create it and the experiment if they do not exist.
+
+    Returns:
+        The client, and the id of the experiment.
+
+    Raises:
+        ConfigError: ``name`` is not a valid name of an experiment, or MLflow cannot use the path of ``outputs``.
+        DataError: the database cannot be used.
+    """
+    if not name.strip():
+        raise ConfigError("tracking.experiment is empty; it should be the name of an MLflow experiment.")
+    if found := sorted(set("?%") & set(str(outputs))):
+        raise ConfigError(
+            f"MLflow cannot have its database in {outputs}, whose path contains {' and '.join(found)}; choose another "
+            "folder with paths.outputs, or set tracking=none."
+        )
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
+    for noisy in ("alembic", "mlflow.store.db.utils", "mlflow.system_metrics"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    outputs.mkdir(parents=True, exist_ok=True)
+    check_database(outputs / DATABASE)
+    from filelock import FileLock
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    # Two processes that both find no tables would both create them.
+    with FileLock(outputs / "mlflow.lock"):
+        client = MlflowClient(database_uri(outputs))
+        experiment = client.get_experiment_by_name(name)
+        if experiment is None:
+            with contextlib.suppress(MlflowException):
+                client.delete_experiment("0")  # MLflow's empty default experiment
+            # With this kind, the UI opens on training runs; without it, on traces of language models.
+            tags = {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": _DESCRIPTION}
+            location = (outputs / ARTIFACTS).as_uri()
+            return client, client.create_experiment(name, artifact_location=location, tags=tags)
+        if experiment.lifecycle_stage != "active":
+            raise ConfigError(
+                f"The MLflow experiment {name} was deleted; restore it (mlflow experiments restore --experiment-id "
+                f"{experiment.experiment_id}), or choose another name with tracking.experiment=<name>."
+            )
+        relocate(outputs)
+        return client, experiment.experiment_id
+
+
+def database_uri(outputs: Path) -> str:
+    """The URI of the database for MLflow."""
+    return f"sqlite:///{(outputs / DATABASE).as_posix()}?timeout={_TIMEOUT_S}"
+
+
+def check_database(path: Path) -> None:
+    """Check that a database can be read, which MLflow would try for minutes.
+
+    Raises:
+        DataError: it is damaged, not a file, or not accessible.
+    """
+    advice = "move it away to start a new one, or run without tracking (tracking=none)"
+    if not path.exists() and not path.is_symlink():
+        return
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "not a file"
+        raise DataError(f"{path} is {what}, but should be the database of MLflow; {advice}")
+    if not os.access(path, os.R_OK | os.W_OK):
+        raise DataError(f"{path}, the database of MLflow, is not readable and writable for this user; {advice}")
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, timeout=_TIMEOUT_S)) as connection:
+            for table, column in _LOCATIONS:
+                if _has_column(connection, table, column):
+                    connection.execute(f"SELECT {column} FROM {table} LIMIT 1").fetchall()
+    except sqlite3.Error as error:
+        raise DataError(f"{path}, the database of MLflow, is damaged ({error}); {advice}") from error
+
+
+def relocate(outputs: Path) -> None:
+    """Let the files of all runs be found in ``outputs`` after these were moved or copied.
+
+    MLflow stores absolute paths. Those that name the folder :data:`ARTIFACTS` of another place are changed.
+    """
+    location = (outputs / ARTIFACTS).as_uri()
+    with closing(sqlite3.connect(outputs / DATABASE, timeout=_TIMEOUT_S)) as connection, connection:
+        found = connection.execute("SELECT DISTINCT artifact_location FROM experiments").fetchall()
+        elsewhere = [place for (place,) in found if place and place.endswith(f"/{ARTIFACTS}") and place != location]
+        for place in (place for place in elsewhere if place.startswith("file:")):
+            for table, column in _LOCATIONS:
+                if _has_column(connection, table, column):
+                    connection.execute(
+                        f"UPDATE {table} SET {column} = ? || substr({column}, ?) "
+                        f"WHERE {column} = ? OR substr({column}, 1, ?) = ?",
+                        (location, len(place) + 1, place, len(place) + 1, f"{place}/"),
+                    )
+
+
+@contextmanager
+def explain_tracking(outputs: Path) -> Iterator[None]:
+    """Report failures of MLflow and its database in the block in one sentence.
+
+    Raises:
+        StorageError: the disk is full, or a file cannot be written.
+        DataError: MLflow failed for another reason.
+    """
+    from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (MlflowException, SQLAlchemyError) as error:
+        if (explained := storage_error(error, outputs / "work")) is not None:
+            raise explained from error
+        text = " ".join(str(error).split())
+        raise DataError(
+            f"MLflow failed with {outputs / DATABASE}: {text[:500]}. Rerun the command to resume, or run without "
+            "MLflow (tracking=none)."
+        ) from error
+
+
+def _has_column(connection: sqlite3.Connection, table: str, column: str) -> bool:
+    return any(row[1] == column for row in connection.execute(f"PRAGMA table_info({table})"))
