@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -92,3 +94,43 @@ def test_transitions_are_joined_to_an_episode() -> None:
 def test_only_a_goal_and_a_drop_are_terminal() -> None:
     """The return after any other end is not zero: the episode was truncated."""
     assert {outcome for outcome in Outcome if outcome.is_terminal} == {Outcome.SUCCESS, Outcome.DROPPED}
+
+
+def test_unpickled_and_copied_states_are_read_only_and_the_same() -> None:
+    copies = [pickle.loads(pickle.dumps(STATE, protocol)) for protocol in range(pickle.HIGHEST_PROTOCOL + 1)]
+    copies += [copy.deepcopy(STATE), copy.copy(STATE), copy.deepcopy([STATE])[0]]
+    for state in copies:
+        assert state == STATE and hash(state) == hash(STATE)
+        assert not state.vector.flags.writeable and state.vector.dtype == np.float64
+        with pytest.raises(ValueError, match="read-only"):
+            state.object_poses[0, 0] = 0.0
+
+
+@pytest.mark.parametrize(
+    "vector",
+    [
+        "abcdefgh",
+        list("12345678"),
+        [[1.0, 2.0], [3.0]],
+        np.full(8, 1j),
+        np.ones(8, dtype=bool),
+        np.full(8, "2020-01-01", "datetime64[D]"),
+        [None] * 8,
+        {"x": 1},
+    ],
+    ids=repr,
+)
+def test_states_are_of_real_numbers(vector: object) -> None:
+    with pytest.raises(SceneError, match="real numbers"):
+        State(vector)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SceneError, match="real numbers"):
+        State.create([0, 0, 0], 0.05, False, vector)  # pyright: ignore[reportArgumentType]
+
+
+def test_integers_are_numbers_and_messages_are_short() -> None:
+    assert State(list(range(8))) == State(np.arange(8.0)) == State(np.arange(8, dtype=">f4"))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SceneError, match="entry 5 of its vector is nan") as caught:
+        State.create([0, 0, 0], 0.05, False, np.full((1000, 3), np.nan))
+    assert len(str(caught.value)) < 200
+    with pytest.raises(SceneError, match="true or false"):
+        State.create([0, 0, 0], 0.05, "closed", [[0, 0, 0]])  # pyright: ignore[reportArgumentType]

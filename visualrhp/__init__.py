@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from gymnasium.envs.registration import WrapperSpec as _WrapperSpec
 from gymnasium.envs.registration import register as _register
 
 if TYPE_CHECKING:
@@ -13,8 +14,15 @@ __all__ = ["load_pretrained"]
 
 __version__ = "0.1.0"
 
-# A string: the environment is imported when one is made. It enforces the action limit itself (Sec. 7.3).
-_register("visualrhp/ClutterManipulation-v0", "visualrhp.environments.clutter_manipulation:ClutterManipulation")
+# Strings: the environment is imported when one is made. It keeps the action limit itself (Sec. 7.3). Gymnasium's checker
+# is left out, since it fails in the first step of an environment whose first reset was refused.
+_register(
+    "visualrhp/ClutterManipulation-v0",
+    "visualrhp.environments.clutter_manipulation:ClutterManipulation",
+    max_episode_steps=49,
+    disable_env_checker=True,
+    additional_wrappers=(_WrapperSpec("OwnTimeLimit", "visualrhp.environments.wrappers:own_time_limit", {}),),
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -100,6 +100,17 @@ def wrap_angle(angle: float | FloatArray) -> float | FloatArray:
     return angle - 2.0 * np.pi * np.floor((angle + np.pi) / (2.0 * np.pi))
 
 
+def _numbers(values: npt.ArrayLike, what: str) -> FloatArray:
+    """The array of ``values``; a SceneError if they are not real numbers, which NumPy would partly convert."""
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{what} holds real numbers, not a {type(values).__name__} of unequal rows") from error
+    if array.dtype.kind not in "fiu":
+        raise SceneError(f"{what} holds real numbers, not entries of type {array.dtype}")
+    return array.astype(np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """The variable part of a task: pose and opening of the gripper, and poses of the objects (Sec. 4).
@@ -108,18 +119,28 @@ class State:
     states are easy to copy, to compare bit for bit and to store.
 
     Attributes:
-        vector: [5 + 3 m] float64, read-only: gripper x [m], y [m], theta [rad], opening between the fingers [m],
-            commanded gripper state (1 closed, 0 open), then x [m], y [m], theta [rad] of every object.
+        vector: [5 + 3 m] float64, read-only (in unpickled and copied states, too): gripper x [m], y [m], theta [rad],
+            opening between the fingers [m], commanded gripper state (1 closed, 0 open), then x [m], y [m], theta [rad]
+            of every object.
+
+    Raises:
+        SceneError: the vector has another shape, or entries that are not real numbers.
     """
 
     vector: FloatArray
 
     def __post_init__(self) -> None:
-        vector = np.array(self.vector, dtype=np.float64)
+        given = self.vector
+        is_plain = isinstance(given, np.ndarray) and given.dtype == np.float64
+        vector = np.array(given if is_plain else _numbers(given, "a state vector"))
         if vector.ndim != 1 or vector.size < state_dimension(1) or (vector.size - _GRIPPER_COLUMNS) % _OBJECT_COLUMNS:
             raise SceneError(f"a state vector has the shape [5 + 3 m] with m >= 1, not {list(vector.shape)}")
         vector.setflags(write=False)
         object.__setattr__(self, "vector", vector)
+
+    def __reduce__(self) -> tuple[type[State], tuple[FloatArray]]:
+        """Unpickled and copied states are made by the constructor, because NumPy restores arrays writable."""
+        return type(self), (self.vector,)
 
     @classmethod
     def create(
@@ -128,12 +149,16 @@ class State:
         """Assemble a state from its parts (shapes and units as in the properties).
 
         Raises:
-            SceneError: a number is not finite, or the shapes do not match.
+            SceneError: a part is no number or not finite, or the shapes do not match.
         """
-        gripper = [gripper_opening, float(gripper_closed)]
-        vector = np.concatenate([np.ravel(gripper_pose), gripper, np.ravel(object_poses)]).astype(np.float64)
+        pose, poses = _numbers(gripper_pose, "a gripper pose"), _numbers(object_poses, "object poses")
+        opening = _numbers(gripper_opening, "a gripper opening")
+        if not isinstance(gripper_closed, (bool, int, float, np.bool_, np.number)):
+            raise SceneError(f"the commanded gripper state is true or false, not a {type(gripper_closed).__name__}")
+        vector = np.concatenate([pose.ravel(), opening.ravel(), [float(gripper_closed)], poses.ravel()])
         if not np.isfinite(vector).all():
-            raise SceneError(f"a state holds finite numbers only, not {vector.tolist()}")
+            entry = int(np.argmin(np.isfinite(vector)))
+            raise SceneError(f"a state holds finite numbers only; entry {entry} of its vector is {vector[entry]}")
         return cls(vector)
 
     @property

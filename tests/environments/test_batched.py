@@ -117,8 +117,24 @@ def test_recalls_what_was_seen():
 
 
 def test_bad_arguments_are_refused():
-    with pytest.raises(ConfigError, match="num_envs"):
-        BatchedClutterEnv(FEW, "discrete", num_envs=0)
+    for number in (0, -1, 2.0, True, "3", None, 10**9):
+        with pytest.raises(ConfigError, match="num_envs"):
+            BatchedClutterEnv(FEW, "discrete", num_envs=number)
+    for name, value in [
+        ("num_workers", 1.5),
+        ("seed", -1),
+        ("seed", "0"),
+        ("split", 77),
+        ("physics", {}),
+        ("observation", ["image"]),
+        ("observation", "sonar"),
+        ("action_space", ["discrete"]),
+        ("action_space", "binary"),
+        ("distribution", {"num_objects": 3}),
+        ("distribution", None),
+    ]:
+        with pytest.raises(ConfigError, match=name):
+            BatchedClutterEnv(**{"distribution": FEW, "action_space": "discrete", name: value})
     with pytest.raises(ConfigError, match="num_workers"):
         BatchedClutterEnv(FEW, "discrete", num_workers=-1)
     with pytest.raises(ActionError, match="reset"):

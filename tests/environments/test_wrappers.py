@@ -1,12 +1,18 @@
-"""Wrappers of the Gymnasium environment."""
+"""Wrappers of the Gymnasium environment, and its time limit."""
 
 from __future__ import annotations
+
+import itertools
+import pickle
+from collections.abc import Iterator
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec, register
 
-from visualrhp.environments import ColourImage
+from visualrhp.environments import ClutterManipulation, ColourImage
+from visualrhp.environments.wrappers import own_time_limit
 from visualrhp.errors import ConfigError
 from visualrhp.observation.label_image import PALETTE, label_image
 
@@ -53,3 +59,77 @@ def test_what_only_resembles_label_images_is_refused(spaces: dict[str, gymnasium
     env.observation_space = gymnasium.spaces.Dict(spaces)
     with pytest.raises(ConfigError, match="observation='image'"):
         ColourImage(env)
+
+
+OWN, THEIRS, NONE = "visualrhp/ClutterManipulation-v0", "test/Limit-v0", "test/NoLimit-v0"
+ENTRY_POINT = f"{ClutterManipulation.__module__}:{ClutterManipulation.__name__}"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registrations() -> Iterator[None]:
+    """One with Gymnasium's wrapper, and one without a limit."""
+    register(THEIRS, ENTRY_POINT, max_episode_steps=60)
+    register(NONE, ENTRY_POINT)
+    yield
+    for name in (THEIRS, NONE):
+        del gymnasium.registry[name]
+
+
+def length(env: gymnasium.Env) -> int | None:
+    """Actions in which nothing moves until the episode ends; None if that takes more than 150."""
+    env.reset(seed=0)
+    for count in range(1, 151):
+        _, _, terminated, truncated, _ = env.step(7)
+        assert not terminated
+        if truncated:
+            return count
+    return None
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "expected"),
+    [
+        (OWN, {}, 49),
+        (OWN, {"max_episode_steps": 10}, 10),
+        (OWN, {"max_episode_steps": 100}, 100),
+        (OWN, {"max_episode_steps": -1}, None),  # Gymnasium's word for no limit
+        (THEIRS, {}, 60),
+        (THEIRS, {"max_episode_steps": 10}, 10),
+        (THEIRS, {"max_episode_steps": 100}, 100),
+        (NONE, {}, 49),
+        (NONE, {"max_episode_steps": 10}, 10),
+    ],
+)
+def test_max_episode_steps_is_the_length_of_an_episode(name: str, arguments: dict, expected: int | None) -> None:
+    env = gymnasium.make(name, action_space="discrete", **arguments)
+    assert length(env) == length(env) == expected
+    assert length(pickle.loads(pickle.dumps(env))) == expected
+    assert env.spec is not None and env.spec.max_episode_steps == (None if name == NONE and not arguments else expected)
+    assert length(gymnasium.make(env.spec)) == expected
+    assert length(gymnasium.make(EnvSpec.from_json(env.spec.to_json()))) == expected
+    envs = gymnasium.make_vec(name, 2, vectorization_mode="sync", action_space="discrete", **arguments)
+    envs.reset(seed=0)
+    assert [bool(envs.step(np.full(2, 7))[3].any()) for _ in range(12)][9] == (expected == 10)
+    envs.close()
+
+
+def test_the_environment_keeps_the_limit_itself() -> None:
+    """The wrapper would say that an episode whose last action reaches the goal was truncated, too."""
+    env = gymnasium.make(OWN, num_objects=1, max_episode_steps=3)
+    wrappers = itertools.takewhile(lambda each: each is not env.unwrapped, iter_wrappers(env))
+    assert not any(isinstance(wrapper, gymnasium.wrappers.TimeLimit) for wrapper in wrappers)
+    assert own_time_limit(env) is env
+    length_of_episode = length(gymnasium.make(OWN, action_space="discrete", max_episode_steps=3))
+    assert length_of_episode == 3
+    limited = gymnasium.make(OWN, action_space="discrete", max_episode_steps=3)
+    length(limited)
+    with pytest.warns(UserWarning, match="after 3 actions"):
+        limited.step(7)
+
+
+def iter_wrappers(env: gymnasium.Env) -> Iterator[gymnasium.Env]:
+    """The environment and what it wraps, from outside."""
+    while isinstance(env, gymnasium.Wrapper):
+        yield env
+        env = env.env
+    yield env

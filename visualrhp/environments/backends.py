@@ -47,8 +47,10 @@ class Backend(ABC):
         """Begin task instance ``instances[i]`` of ``seed`` in slot ``slots[i]``."""
 
     @abstractmethod
-    def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
-        """Resume all slots from ``states`` [N, 5 + 3 max m]."""
+    def resume(
+        self, seeds: int | Sequence[int], instances: Sequence[int], num_actions: Sequence[int], states: FloatArray
+    ) -> None:
+        """Resume all slots from ``states`` [N, 5 + 3 max m]; the task instances are of one seed, or of one per slot."""
 
     @abstractmethod
     def act(self) -> None:
@@ -89,9 +91,11 @@ class LocalBackend(Backend):
     def start(self, seed: int, slots: Sequence[int], instances: Sequence[int]) -> None:
         self._slots.start(seed, slots, instances)
 
-    def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
+    def resume(
+        self, seeds: int | Sequence[int], instances: Sequence[int], num_actions: Sequence[int], states: FloatArray
+    ) -> None:
         if self._slots.rows:
-            self._slots.resume(seed, instances, num_actions, states)
+            self._slots.resume(seeds, instances, num_actions, states)
 
     def act(self) -> None:
         self._slots.act()
@@ -160,9 +164,11 @@ class WorkerBackend(Backend):
 
         self._command([begin(share) for share in self._shares])
 
-    def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
+    def resume(
+        self, seeds: int | Sequence[int], instances: Sequence[int], num_actions: Sequence[int], states: FloatArray
+    ) -> None:
         self._models.clear()
-        self._command([("resume", seed, instances, num_actions, states)] * len(self._shares))
+        self._command([("resume", seeds, instances, num_actions, states)] * len(self._shares))
 
     def act(self) -> None:
         self._command([("act",)] * len(self._shares))

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from visualrhp.environments.actions import continuous_action, discrete_action
+from visualrhp.environments.arguments import (
+    MAX_INDEX,
+    checked_name,
+    checked_seed,
+    checked_split,
+    is_integer,
+    shown,
+)
 from visualrhp.errors import ActionError, ConfigError, SceneError
 from visualrhp.execution.episode import RunningEpisode
 from visualrhp.execution.world import SimulatedWorld
@@ -16,10 +26,11 @@ from visualrhp.observation import observation_for
 from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
 from visualrhp.scene.scene import Scene, TaskInstance
 from visualrhp.scene.start import check_start
+from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace, make_action_space
 from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.streams import Split
-from visualrhp.types import Action, ActionSpaceName, ObjectSize, Outcome, State
+from visualrhp.types import ActionSpaceName, ObjectSize, Outcome, State
 
 RESET_OPTIONS = ("instance", "scene", "state")
 """Options of ``reset``."""
@@ -51,7 +62,10 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
 
     Reward: -1 per action, -50 when an object is dropped (Sec. 7). ``terminated``: goal or drop. ``truncated``: 49
     actions without either, or the physics diverged. ``info``: ``is_goal``, ``is_dropped``, ``num_actions``,
-    ``instance`` (index of the task).
+    ``instance`` (index of the task). ``max_episode_steps`` of ``gymnasium.make`` or of a registration replaces the 49.
+
+    A step is taken or refused: an action that is refused changes nothing and does not count. An environment can be
+    pickled and deep-copied at any time; the copy continues to the bit.
 
     Task instances are a function of (seed, split, episode): ``reset(seed=s)`` starts instance 0 of seed s, every later
     ``reset()`` the next one; ``reset(options={"instance": k})`` starts instance k. ``reset(options={"scene": scene,
@@ -81,18 +95,20 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         split: Split = Split.REINFORCEMENT,
         render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(f"render_mode is {render_mode!r}; choose None or rgb_array")
+        if render_mode is not None and checked_name("render_mode", render_mode) not in self.metadata["render_modes"]:
+            raise ConfigError(f"render_mode is {shown(render_mode)}; choose None or rgb_array")
         distribution = SceneDistribution(num_objects=_bounds(num_objects), object_size=object_size)
         self.render_mode = render_mode
-        self._observe = observation_for(observation, distribution)
-        self._split = _split(split)
+        self._observe = observation_for(checked_name("observation", observation), distribution)
+        self._split = checked_split(split)
         self._instance_seed: int | None = None
         self._next_index = 0
         self._distribution = distribution
-        self._actions = make_action_space(action_space)
+        self._actions = make_action_space(checked_name("action_space", action_space))
         self._is_discrete = self._actions.name == "discrete"
         self._episode: RunningEpisode | None = None
+        self._outcome: Outcome | None = None  # of the last action
+        self._is_after_end = False
         self._index = -1  # of the task instance; -1 for a user-defined task
         self.action_space = self._action_box()
         self.observation_space = gymnasium.spaces.Dict(
@@ -142,43 +158,67 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
             raise ActionError("no episode is running; call reset first")
         return self._episode
 
+    @cached_property
+    def _max_actions(self) -> int | None:
+        """Actions after which an episode is truncated; None if only Gymnasium's wrapper limits them.
+
+        A registration with ``max_episode_steps`` puts that wrapper, with a limit that only the wrapper knows, around
+        every environment that ``gymnasium.make`` makes.
+        """
+        if self.spec is None:
+            return rules.MAX_EPISODE_ACTIONS
+        registered = gymnasium.registry.get(self.spec.id)
+        is_left = registered is not None and registered.max_episode_steps is not None
+        return self.spec.max_episode_steps or (None if is_left else rules.MAX_EPISODE_ACTIONS)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin the next task instance, or the one chosen by ``seed`` and ``options`` (see the class).
 
         Raises:
-            ConfigError: an option is unknown, or contradicts another. Nothing changes on an error.
+            ConfigError: the seed is not an integer, 0 or more; an option is unknown, or contradicts another. Nothing
+                changes on an error.
             SceneError: the scene and the state cannot be simulated, or the observations need another number of objects.
         """
-        options = options or {}
+        chosen = self._instance_seed if seed is None else checked_seed(seed)
+        options = self._checked_options(options)
         index = self._chosen_index(options)
         given = self._given_task(options)
-        super().reset(seed=seed)
-        if seed is not None:
-            self._instance_seed, self._next_index = seed, 0
-        elif self._instance_seed is None:
-            self._instance_seed = int(self.np_random.integers(_SEED_BOUND))
-        self._index = -1
+        if chosen is None:
+            chosen = self._instance_seed = int(self.np_random.integers(_SEED_BOUND))
+        if index is None:
+            index = self._next_index if seed is None else 0
+        task = given or sample_task_instance(self._distribution, chosen, self._split, index)
+        episode = RunningEpisode(SimulatedWorld(task, TransitionModel(task.scene, self._actions)))
+        super().reset(seed=None if seed is None else chosen)
+        self._episode, self._outcome, self._is_after_end = episode, None, False
+        self._instance_seed = chosen
         if given is None:
-            self._index = self._next_index if index is None else index
-            given = sample_task_instance(self._distribution, self._instance_seed, self._split, self._index)
-            self._next_index = self._index + 1
-        self._episode = RunningEpisode(SimulatedWorld(given, TransitionModel(given.scene, self._actions)))
-        return self._observation(), self._info(None)
+            self._index, self._next_index = index, index + 1
+        else:
+            self._index, self._next_index = -1, 0 if seed is not None else self._next_index
+        return self._observation(), self._info()
+
+    def _checked_options(self, options: Any) -> dict[str, Any]:
+        if options is None:
+            return {}
+        if not isinstance(options, Mapping):
+            raise ConfigError(f"the options of reset are a dictionary, not {shown(options)}")
+        unknown = [option for option in options if option not in RESET_OPTIONS]
+        if unknown:
+            raise ConfigError(f"reset got the unknown options {shown(unknown)}; choose from {', '.join(RESET_OPTIONS)}")
+        return dict(options)
 
     def _chosen_index(self, options: dict[str, Any]) -> int | None:
         """The index of the task instance in ``options``."""
-        unknown = sorted(set(options) - set(RESET_OPTIONS))
-        if unknown:
-            raise ConfigError(f"reset got the unknown options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
         index = options.get("instance")
         if index is None:
             return None
         if len(options) > 1:
             raise ConfigError("reset starts either a task instance ('instance') or what is given ('scene', 'state')")
-        if not _is_integer(index) or index < 0:
-            raise ConfigError(f"the option 'instance' is the index of a task instance, 0 or more, not {index!r}")
+        if not is_integer(index) or not 0 <= index < MAX_INDEX:
+            raise ConfigError(f"the option 'instance' is the index of a task instance, 0 or more, not {shown(index)}")
         return int(index)
 
     def _given_task(self, options: dict[str, Any]) -> TaskInstance | None:
@@ -204,23 +244,28 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
         return TaskInstance(scene, state)
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Take ``action`` (see the class).
+        """Take ``action`` (see the class). As Gymnasium's environments do, warn once where the episode is over.
 
         Raises:
-            ActionError: the action is not in the action space, or the episode has not been started.
+            ActionError: the action is not in the action space, or no episode was started. Nothing changes.
         """
         episode = self._running()
-        episode.act(self._action(action))
+        checked = discrete_action(action) if self._is_discrete else continuous_action(action)
+        if self._outcome is not None and not self._is_after_end:
+            self._is_after_end = True
+            gymnasium.logger.warn(
+                f"step was called after the end of the episode ({self._outcome.value} after {episode.num_actions} "
+                "actions): what follows is no part of the task; call reset to begin another episode"
+            )
+        episode.act(checked)
         outcome = episode.outcome
+        if outcome in (None, Outcome.OUT_OF_ACTIONS):  # the limit may be another than that of the paper
+            is_last = self._max_actions is not None and episode.num_actions >= self._max_actions
+            outcome = Outcome.OUT_OF_ACTIONS if is_last else None
+        self._outcome = outcome
         terminated = outcome is not None and outcome.is_terminal
         truncated = outcome is not None and not outcome.is_terminal
-        return self._observation(), episode.reward, terminated, truncated, self._info(outcome)
-
-    def _action(self, action: npt.ArrayLike) -> Action:
-        if not self._is_discrete:
-            return np.asarray(action, dtype=np.float64)
-        number: Any = np.asarray(action)
-        return number.item() if number.size == 1 else number  # the action space rejects what is not an integer
+        return self._observation(), episode.reward, terminated, truncated, self._info()
 
     def _observation(self) -> dict[str, Any]:
         episode = self._running()
@@ -229,38 +274,34 @@ class ClutterManipulation(gymnasium.Env[dict[str, Any], Any]):
             "gripper_closed": int(episode.state.gripper_closed),
         }
 
-    def _info(self, outcome: Outcome | None) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         return {
-            "is_goal": outcome is Outcome.SUCCESS,
-            "is_dropped": outcome is Outcome.DROPPED,
+            "is_goal": self._outcome is Outcome.SUCCESS,
+            "is_dropped": self._outcome is Outcome.DROPPED,
             "num_actions": self._running().num_actions,
             "instance": self._index,
         }
 
     def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
-        """[H, W, 3] uint8 RGB picture of the world, or None without a render mode."""
+        """[H, W, 3] uint8 RGB picture of the world, or None without a render mode.
+
+        Raises:
+            ActionError: before the first ``reset``, or after ``close``.
+        """
         if self.render_mode is None:
             return None
         from visualrhp.rendering.frames import render_frame  # imported only to render
 
         return render_frame(self.scene, self.state)
 
-
-def _is_integer(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    def close(self) -> None:
+        """End the episode; ``reset`` begins the next one. Closing twice has no effect."""
+        self._episode, self._outcome = None, None
 
 
 def _bounds(num_objects: Any) -> tuple[int, int]:
     """Fewest and most objects."""
     pair = num_objects if isinstance(num_objects, Sequence) else (num_objects, num_objects)
-    if len(pair) != 2 or not all(map(_is_integer, pair)):
-        raise ConfigError(f"num_objects is a number of objects or a pair (fewest, most), not {num_objects!r}")
+    if len(pair) != 2 or not all(map(is_integer, pair)):
+        raise ConfigError(f"num_objects is a number of objects or a pair (fewest, most), not {shown(num_objects)}")
     return int(pair[0]), int(pair[1])
-
-
-def _split(split: Any) -> Split:
-    try:
-        return Split(split)
-    except ValueError:
-        known = ", ".join(f"{member.value} ({member.name.lower()})" for member in Split)
-        raise ConfigError(f"split is {split!r}; choose one of {known}") from None

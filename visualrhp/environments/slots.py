@@ -165,14 +165,16 @@ class Slots:
         started = [self._family.start(self._family.instance(seed, instance)) for instance in instances]
         self._enter(slots, instances, started)
 
-    def resume(self, seed: int, instances: Sequence[int], num_actions: Sequence[int], states: FloatArray) -> None:
+    def resume(
+        self, seeds: int | Sequence[int], instances: Sequence[int], num_actions: Sequence[int], states: FloatArray
+    ) -> None:
         """Resume, in every row, task instances that have reached ``states`` [N, 5 + 3 max m].
 
-        The sequences have one entry for every slot of the arrays, not of these rows alone.
+        The sequences have one entry for every slot of the arrays, not of these rows alone; one seed stands for all.
         """
         resumed = []
         for slot in self.rows:
-            instance = self._family.instance(seed, instances[slot])
+            instance = self._family.instance(seeds if isinstance(seeds, int) else seeds[slot], instances[slot])
             state = State(states[slot, : instance.state.vector.size])
             resumed.append(self._family.start(TaskInstance(instance.scene, state), num_actions[slot]))
         self._enter(self.rows, [instances[slot] for slot in self.rows], resumed)

@@ -1,4 +1,4 @@
-"""Wrappers of the Gymnasium environment."""
+"""Wrappers of the Gymnasium environment, and its time limit."""
 
 from __future__ import annotations
 
@@ -6,9 +6,34 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import WrapperSpec
 
 from visualrhp.errors import ConfigError
 from visualrhp.observation.label_image import IMAGE_SIZE, PALETTE
+
+OWN_TIME_LIMIT = WrapperSpec("OwnTimeLimit", f"{__name__}:own_time_limit", {})
+"""For ``additional_wrappers`` of a registration of the environment: see :func:`own_time_limit`."""
+
+
+def own_time_limit(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
+    """Let the environment itself keep the limit of ``max_episode_steps``, and remove Gymnasium's wrapper for it.
+
+    The wrapper would say ``truncated`` beside ``terminated`` when the last action reaches the goal, and would let
+    actions after the end pass. The specification of the environment keeps the limit, so that
+    ``gymnasium.make(env.spec)`` makes the same environment.
+
+    Args:
+        env: as ``gymnasium.make`` made it.
+
+    Returns:
+        It without its ``TimeLimit``, if it has one outermost.
+    """
+    spec = env.unwrapped.spec
+    if spec is None or not isinstance(env, gymnasium.wrappers.TimeLimit):
+        return env
+    spec.max_episode_steps = env.get_wrapper_attr("_max_episode_steps")
+    spec.additional_wrappers = (OWN_TIME_LIMIT,)
+    return env.env
 
 
 class ColourImage(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):

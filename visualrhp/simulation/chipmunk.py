@@ -72,6 +72,10 @@ class ChipmunkWorld:
         # A polygon with many vertices stores some of them on the heap.
         weakref.finalize(self, _destroy_shapes, self.shapes, memory)
 
+    def __reduce__(self) -> str:
+        """Refuse to be pickled or copied."""
+        raise TypeError("a ChipmunkWorld is memory of this process: copy or pickle the Simulator, which assembles one")
+
     def _place(self, kind: str) -> Any:
         """Reserve memory for one of Chipmunk's structures."""
         start, end = self._end, self._end + _BYTES.get(kind, _JOINT_BYTES)

@@ -71,7 +71,7 @@ def _alignment(shape: ObjectShape) -> float:
 class Simulator:
     """Simulates gripper motions in one scene.
 
-    Do not share a simulator between threads; to use one in another process, send the scene.
+    Do not share a simulator between threads. A copied or unpickled one repeats its results to the bit.
 
     Attributes:
         scene: the scene.
@@ -82,6 +82,12 @@ class Simulator:
     """
 
     def __init__(self, scene: Scene, physics: Physics) -> None:
+        """Assemble the world.
+
+        Raises:
+            ConfigError: a part of the scene's gripper is too thin for the time steps.
+        """
+        physics.check_gripper(scene.gripper)
         self.scene = scene
         self.physics = physics
         self._half_stroke = scene.gripper.stroke / 2.0
@@ -100,6 +106,10 @@ class Simulator:
         for shape in scene.objects:
             add_object(self.world, shape, physics.gravity)
         self.world.freeze()
+
+    def __reduce__(self) -> tuple[type[Simulator], tuple[Scene, Physics]]:
+        """A pickled or deep-copied simulator is assembled anew: every motion begins from the same memory."""
+        return type(self), (self.scene, self.physics)
 
     def _add_gripper(self) -> None:
         physics, gripper, world, half = self.physics, self.scene.gripper, self.world, self._half_stroke
