@@ -30,6 +30,11 @@ class PathsConfig:
     artefact: str
     sweep: str | None
 
+    def __post_init__(self) -> None:
+        for name, path in (("outputs", self.outputs), ("artefact", self.artefact), ("sweep", self.sweep)):
+            if path is not None and not path.strip():
+                raise ValueError(f"{name} is empty: it should be the path of a folder.")
+
 
 @parameters
 class ExecutorConfig:

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "conf"
 _VERSION_BASE = "1.3"
 _DEBUG = "HYDRA_FULL_ERROR"
+_MAX_MESSAGE = 1900
+"""Most characters of an error message at the command line."""
 
 Config = TypeVar("Config", bound="PipelineConfig")
 
@@ -106,8 +108,11 @@ def to_typed(config: DictConfig, schema: type[Config]) -> Config:
 def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) -> Config:
     try:
         return to_typed(hydra.compose(config_name, list(overrides)), schema)
-    except (HydraException, OmegaConfBaseException) as error:
-        raise _config_error(error) from error
+    except Exception as error:
+        mistake = _mistake(error)
+        if mistake is None or mistake is error:
+            raise
+        raise mistake from error
 
 
 def _main(config_name: str, task: Task) -> int:
@@ -149,7 +154,8 @@ def _main(config_name: str, task: Task) -> int:
             raise
         failures.append(mistake)
     for failure in failures:
-        print(f"Error: {' '.join(str(failure).split())}", file=sys.stderr)
+        text = " ".join(str(failure).split())
+        print(f"Error: {text if len(text) <= _MAX_MESSAGE else text[:_MAX_MESSAGE] + ' ...'}", file=sys.stderr)
     return 2 if failures else 0
 
 
@@ -194,9 +200,14 @@ def _mistake(error: Exception) -> Exception | None:
     if isinstance(error, VisualRHPError):
         return error
     if isinstance(error, YAMLError):
-        return ConfigError(f"A file in {CONFIG_FOLDER} is not valid YAML: {error}")
+        return ConfigError(f"A configuration file is not valid YAML: {error}")
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _config_error(error)
+    if isinstance(error, TypeError | ValueError) and _is_raised_by_hydra(error):
+        return ConfigError(
+            "A group has a value that is not the name of one of its files: arguments for groups are group=file, such "
+            "as scale=quick."
+        )
     return storage_error(error)
 
 
@@ -234,7 +245,7 @@ def _config_error(error: Exception) -> Any:
     text = str(error)
     if isinstance(cause, MissingMandatoryValue):
         return ConfigError(f"The key {cause.full_key} has no value (???); set it.")
-    if match := re.search(r"Could not find '(?P<group>[^']*)/(?P<option>[^']*)'", text):
+    if match := re.search(r"Could not (?:find|load) '(?P<group>[^']*)/(?P<option>[^']*)'", text):
         # Hydra's list ends at an empty line.
         options = re.search(r"Available options in '[^']*':\n(.*?)(\n\n|\nConfig search path|\Z)", text, re.DOTALL)
         names = options.group(1).split() if options else []
@@ -245,10 +256,9 @@ def _config_error(error: Exception) -> Any:
     if match := re.search(r"Could not override '(?P<key>[^']*)'", text):
         return ConfigError(_unknown_key(match["key"], cause))
     if match := re.search(r"Error parsing override '(?P<override>[^']*)'", text):
-        return ConfigError(
-            f"The argument {match['override']} cannot be read: arguments are key=value, values with special characters "
-            """are quoted, such as 'title="a, b"'."""
-        )
+        return ConfigError(_unreadable(match["override"]))
+    if "override_grammar" in text:  # not all errors of Hydra's parser name the argument
+        return ConfigError(_unreadable(_first_unreadable(sys.argv[1:]) or text.partition("\n")[0]))
     if match := re.search(
         r"Multiple values for (?P<key>\S+)\. To override a value use 'override [^:]*: (?P<value>.*)'", text
     ):
@@ -261,6 +271,40 @@ def _config_error(error: Exception) -> Any:
             "as key=[a,b]."
         )
     return ConfigError(" ".join(re.sub(r"\s*(full_key|object_type|reference_type)[=:].*", "", text).split()))
+
+
+def _is_raised_by_hydra(error: BaseException) -> bool:
+    """Whether the innermost frame of ``error`` is in Hydra, which does not check all values of groups."""
+    traceback = error.__traceback__
+    if traceback is None:
+        return False
+    while traceback.tb_next is not None:
+        traceback = traceback.tb_next
+    return Path(traceback.tb_frame.f_code.co_filename).is_relative_to(Path(hydra.__file__).parent)
+
+
+def _unreadable(override: str) -> str:
+    key, equals, value = override.partition("=")
+    value = value.strip("\"'").replace('"', '\\"')
+    example = f"""'{key}="{value}"'""" if key and equals and value else """'title="a, b"'"""
+    return (
+        f"The argument {override} cannot be read: arguments are key=value, and values with special characters are "
+        f"quoted for Hydra and for the shell: {example}."
+    )
+
+
+def _first_unreadable(arguments: Sequence[str]) -> str | None:
+    """The first argument of the command line that Hydra's parser refuses."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    parser = OverridesParser.create()
+    for argument in arguments:
+        try:
+            parser.parse_override(argument)
+        except Exception:  # of the parser generator, too
+            if not argument.startswith("-"):
+                return argument
+    return None
 
 
 def _unknown_key(key: str, cause: BaseException) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from pipelines.workflow.surroundings import storage_error
 from visualrhp.errors import ConfigError, DataError
+from visualrhp.files import atomic_path
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -63,7 +64,8 @@ def open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
 
     # Two processes that both find no tables would both create them.
     with FileLock(outputs / "mlflow.lock"):
-        client = MlflowClient(database_uri(outputs))
+        _create_database(outputs / DATABASE)
+        client = MlflowClient(database_uri(outputs / DATABASE))
         experiment = client.get_experiment_by_name(name)
         if experiment is None:
             with contextlib.suppress(MlflowException):
@@ -81,9 +83,9 @@ def open_experiment(outputs: Path, name: str) -> tuple[MlflowClient, str]:
         return client, experiment.experiment_id
 
 
-def database_uri(outputs: Path) -> str:
-    """The URI of the database for MLflow."""
-    return f"sqlite:///{(outputs / DATABASE).as_posix()}?timeout={_TIMEOUT_S}"
+def database_uri(path: Path) -> str:
+    """The URI of a database for MLflow."""
+    return f"sqlite:///{path.as_posix()}?timeout={_TIMEOUT_S}"
 
 
 def check_database(path: Path) -> None:
@@ -149,6 +151,17 @@ def explain_tracking(outputs: Path) -> Iterator[None]:
             f"MLflow failed with {outputs / DATABASE}: {text[:500]}. Rerun the command to resume, or run without "
             "MLflow (tracking=none)."
         ) from error
+
+
+def _create_database(path: Path) -> None:
+    """Create the database of MLflow if there is none, in one step: MLflow cannot continue with half of its tables."""
+    from mlflow import MlflowClient
+
+    for unfinished in path.parent.glob(f".{path.stem}.*.tmp{path.suffix}*"):  # of a killed process
+        unfinished.unlink()
+    if not path.exists() or path.stat().st_size == 0:
+        with atomic_path(path) as temporary:
+            MlflowClient(database_uri(temporary)).search_experiments()
 
 
 def _has_column(connection: sqlite3.Connection, table: str, column: str) -> bool:

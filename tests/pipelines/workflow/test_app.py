@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import EvaluateConfig, ReportConfig, TrainRLConfig
+from pipelines.workflow import app as app_module
 from pipelines.workflow.app import app, command_line_overrides, compose, override_keys
 from visualrhp.errors import ConfigError, DataError
 
@@ -72,6 +74,19 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("report", ["seed=-1"], "seed=-1 is out of range: it should be an integer, at least 0."),
         ("report", ["seed=1,2"], "seed=1,2 lists several values, which is a sweep: add -m"),
         ("report", ["title=(a"], "The argument title=(a cannot be read"),
+        ("play", ["scene_file=szenen/müller.yaml"], """'scene_file="szenen/müller.yaml"'."""),
+        ("play", ["planner.name=a=b"], "The argument planner.name=a=b cannot be read"),
+        ("play", ["planner.name=a&b"], "The argument planner.name=a&b cannot be read"),
+        ("play", ["scene_file=~/a.yaml"], "The argument scene_file=~/a.yaml cannot be read"),
+        ("play", ["planner.name='a"], "The argument planner.name='a cannot be read"),
+        ("play", ["planner.name={a"], "The argument planner.name={a cannot be read"),
+        ("play", ["=3"], "A group has a value that is not the name of one of its files"),
+        ("play", ["scale=null"], "A group has a value that is not the name of one of its files"),
+        ("play", ["planner=[a,b]"], "planner=b is not known"),
+        ("play", ["paths.outputs=' '"], "paths.outputs is empty"),
+        ("play", ["paths.artefact=''"], "paths.artefact is empty"),
+        ("train_il", ["device=cuda:99"], "device=cuda:99"),
+        ("report", [f"seed={'x' * 5000}"], "seed=xxx"),
         ("report", ["executor=dask"], "executor.address is missing"),
         ("report", ["paths.artefact=???"], "paths.artefact"),
         (
@@ -113,8 +128,54 @@ def test_a_mistake_is_one_paragraph_and_no_work(
     assert code == 2
     assert message.startswith("Error: ")
     assert message.count("\n") == 1, "one paragraph"
+    assert len(message) < 2000
     made = {path.name for path in tmp_path.glob("outputs/*")}
     assert made <= {"hydra", "work"}
+
+
+@pytest.mark.parametrize("text", ["a: [1\n", "a: b: c\n", "\ta: 1\n", "a: 1\na: 2\n"])
+def test_a_configuration_file_with_a_mistake_is_named(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    conf = tmp_path / "conf"
+    shutil.copytree(app_module.CONFIG_FOLDER, conf)
+    (conf / "planner" / "greedy.yaml").write_text(text)
+    monkeypatch.setattr(app_module, "CONFIG_FOLDER", conf)
+    code, message = run("evaluate", "planner=greedy")
+    assert code == 2
+    assert "planner/greedy.yaml" in message and "line" in message
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (PermissionError(13, "Permission denied", "outputs/a"), "outputs/a: Permission denied; make it accessible"),
+        (OSError(28, "No space left on device"), "no space left on a disk"),
+        (OSError(30, "Read-only file system", "a"), "a: Read-only file system"),
+    ],
+)
+def test_an_error_of_the_system_is_one_paragraph(run: Run, error: OSError, words: str) -> None:
+    @app("report")
+    def main(config: ReportConfig) -> None:
+        raise error
+
+    code, message = run(main)
+    assert code == 2
+    assert words in message and message.count("\n") == 1
+
+
+def test_jobs_of_a_sweep_do_not_share_an_artefact(run: Run) -> None:
+    folders = []
+
+    @app("report")
+    def main(config: ReportConfig) -> None:
+        folders.append(config.paths.artefact)
+
+    assert run(main, "-m", "evaluation=nets/a/b,nets/a_b,nets/a?b")[0] == 0
+    assert len({Path(folder).name for folder in folders}) == 3
+    code, message = run(main, "-m", "seed=0,1", "paths.sweep=here")
+    assert code == 2
+    assert "Two jobs of the sweep would write their results to here" in message
 
 
 def test_an_error_of_the_task_is_one_paragraph(run: Run) -> None:
