@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,3 +115,25 @@ def test_every_planner_is_run_on_the_same_tasks(tmp_path: Path, untrained_heuris
     card = json.loads((artefact / "evaluation.json").read_text())
     assert set(card["networks"]) == {"continuous/image/heuristic.safetensors"}
     assert len(set(pd.read_csv(artefact / "by_num_objects.csv")["label"])) == 2
+
+
+def test_a_network_that_is_replaced_meanwhile_has_no_effect(
+    tmp_path: Path, untrained_heuristics: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heuristics = tmp_path / "heuristics"
+    shutil.copytree(untrained_heuristics, heuristics)
+    config = replace(configure(suite={"block": {"planner": ["greedy"]}}), heuristics=str(heuristics), num_episodes=4)
+    expected = evaluate(tmp_path / "expected", config)
+    run_unit = pipeline.run_unit
+
+    def replaced(unit: pipeline.Unit) -> Any:
+        for path in heuristics.rglob("*.safetensors"):
+            path.write_bytes(b"another network")
+        return run_unit(unit)
+
+    monkeypatch.setattr(pipeline, "run_unit", replaced)
+    found = evaluate(tmp_path / "work", config)
+    columns = [name for name in EPISODE_COLUMNS if name not in TIMES]
+    pd.testing.assert_frame_equal(episodes_in(found)[columns], episodes_in(expected)[columns])
+    cards = [json.loads((folder / "evaluation.json").read_text()) for folder in (found, expected)]
+    assert cards[0]["networks"] == cards[1]["networks"]

@@ -1,65 +1,69 @@
-"""SIGKILL at random moments: the same bytes, and finished work is kept (50 of them: ``kills.py``)."""
+"""SIGKILL at random moments: the same results, and finished work is kept (many: ``python -m tests.torture kills``)."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
+import pytest
 
-from pipelines import generate_demos
-from pipelines.config import GenerateDemosConfig
-from pipelines.workflow.app import compose
-from pipelines.workflow.publishing import MARK
-from pipelines.workflow.tracking import open_run
-
-sys.path.insert(0, str(Path(__file__).parent))
-import kills
-
-OVERRIDES = ["demonstrations.count=100", "demonstrations.shard_size=40", "video.num_scenes=0"]
+from tests.torture.kills import REPOSITORY, STAGES, contents, make_inputs, torture
 
 
-def test_killed_at_random_moments_it_makes_the_same_bytes(tmp_path: Path) -> None:
+def generation(outputs: Path, count: int) -> subprocess.Popen[bytes]:
+    """A started generation of demonstrations, on two workers."""
+    settings = ("scale=smoke", "tracking=none", "executor.num_workers=2", "scene.num_objects=[1,7]")
+    overrides = (f"demonstrations.count={count}", "demonstrations.shard_size=40", "video.num_scenes=0")
+    arguments = [sys.executable, "-m", "pipelines.generate_demos", *settings, *overrides, f"paths.outputs={outputs}"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(arguments, cwd=REPOSITORY, env=environment, stderr=subprocess.DEVNULL)
+
+
+def finished_blocks(outputs: Path) -> dict[str, tuple[int, int]]:
+    """Name of every finished block -> its inode and time: another file is another attempt at the same work."""
+    return {
+        path.name: (path.stat().st_ino, path.stat().st_mtime_ns)
+        for path in outputs.glob("work/generate_demos/*/blocks/block-*")
+    }
+
+
+def wait_for_blocks(outputs: Path, number: int, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 60.0
+    while len(finished_blocks(outputs)) < number and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+
+
+def test_finished_blocks_are_not_made_again(tmp_path: Path) -> None:
     """Killed in the middle, wherever that is: some hundredths of a second after some number of blocks is there."""
     interrupted, whole = tmp_path / "interrupted", tmp_path / "whole"
     rng = random.Random(2)
-
-    def moment(num_blocks: int) -> Callable[[float], bool]:
-        delay = rng.uniform(0.0, 0.1)
-
-        def is_time(seconds: float) -> bool:
-            if len(kills.finished_blocks(interrupted)) < num_blocks:
-                return False
-            time.sleep(delay)
-            return True
-
-        return is_time
-
-    moments = [moment(rng.randrange(first, first + 4)) for first in (1, 5, 9)]
-    tally = kills.kill_until_done(interrupted, OVERRIDES, moments, most=3)
-    assert tally.kills == tally.with_progress == 3
-    found = kills.content(interrupted)
-    config = compose("generate_demos", GenerateDemosConfig, kills.command(whole, *OVERRIDES)[3:])
-    with open_run(config, "generate_demos", "test") as run:
-        folder = generate_demos.generate(config, whole, run)
-    found.pop(MARK)
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == found
+    before: dict[str, tuple[int, int]] = {}
+    for first in (1, 5, 9):
+        process = generation(interrupted, 100)
+        wait_for_blocks(interrupted, rng.randrange(first, first + 4), process)
+        time.sleep(rng.uniform(0.0, 0.1))
+        process.kill()  # the process that writes; its workers are to notice by themselves
+        process.wait()
+        after = finished_blocks(interrupted)
+        assert after and before.items() <= after.items()
+        before = after
+    for outputs in (interrupted, whole):
+        assert generation(outputs, 100).wait() == 0
+    first, second = (contents(outputs / "generate_demos" / "continuous") for outputs in (interrupted, whole))
+    assert first == second
 
 
 def test_workers_end_with_the_process_that_was_killed(tmp_path: Path) -> None:
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    arguments = kills.command(tmp_path, "demonstrations.count=5000")
-    process = subprocess.Popen(arguments, cwd=kills.REPOSITORY, env=environment, stderr=subprocess.DEVNULL)
+    process = generation(tmp_path, 5000)
     try:
-        deadline = time.monotonic() + 60.0
-        while not kills.finished_blocks(tmp_path) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert kills.finished_blocks(tmp_path)
+        wait_for_blocks(tmp_path, 1, process)
+        assert finished_blocks(tmp_path)
         workers = psutil.Process(process.pid).children(recursive=True)
     finally:
         process.kill()
@@ -69,3 +73,18 @@ def test_workers_end_with_the_process_that_was_killed(tmp_path: Path) -> None:
     for worker in alive:
         worker.kill()
     assert not alive
+
+
+@pytest.mark.parametrize("number", [1, 5])
+def test_killed_stages_give_the_same_results_and_runs(tmp_path: Path, number: int) -> None:
+    """A training and an evaluation, tracked by MLflow."""
+    inputs = make_inputs(tmp_path / "inputs", STAGES[:1]) if number == 1 else tmp_path
+    tally = torture(STAGES[number], inputs, tmp_path, 2, random.Random(number))
+    assert tally.kills == 2
+    assert tally.differences == []
+
+
+def test_the_stages_of_the_harness_are_all_pipelines() -> None:
+    pipelines = {path.stem for path in (REPOSITORY / "pipelines").glob("*.py") if "@app(" in path.read_text()}
+    assert {stage.name for stage in STAGES} == pipelines
+    assert len(set(itertools.chain.from_iterable([stage.artefact] for stage in STAGES))) == len(STAGES)

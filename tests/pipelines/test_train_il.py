@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +13,7 @@ import torch
 
 from pipelines.config import TrainILConfig
 from pipelines.train_il import make_learner, train_part
-from pipelines.training import parts_of
+from pipelines.training import Inputs, parts_of
 from pipelines.workflow.app import compose
 from pipelines.workflow.executor import single_threaded
 from visualrhp.demonstrations.generate import generate_block
@@ -83,3 +86,16 @@ def test_demonstrations_that_do_not_fit_are_refused(demonstrations: Path, tmp_pa
     missing = configure(tmp_path / "nothing")
     with pytest.raises(DataError, match="nothing"):
         make_learner(missing, parts_of(missing)[0])
+
+
+def test_demonstrations_that_are_replaced_meanwhile_have_no_effect(demonstrations: Path, tmp_path: Path) -> None:
+    source = tmp_path / "set"
+    shutil.copytree(demonstrations, source)
+    inputs = Inputs({}, source, json.loads((source / "card.json").read_text())["content_hash"])
+    stored = inputs.store(configure(source), tmp_path / "work")
+    shutil.rmtree(source)
+    content = [path.read_bytes() for path in sorted(Path(stored.demonstrations).iterdir())]
+    assert content == [path.read_bytes() for path in sorted(demonstrations.iterdir())]
+    shutil.copytree(demonstrations, source)
+    with pytest.raises(DataError, match="was replaced while this command started"):
+        replace(inputs, content_hash="another").store(configure(source), tmp_path / "other")

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -255,9 +255,9 @@ def torture(stage: Stage, inputs: Path, folder: Path, num_kills: int, rng: rando
     return tally
 
 
-def make_inputs(folder: Path) -> Path:
-    """The artefacts that the stages read."""
-    for stage in INPUTS:
+def make_inputs(folder: Path, stages: Sequence[Stage] = INPUTS) -> Path:
+    """The artefacts that other stages read."""
+    for stage in stages:
         execute(command(stage, folder, folder))
     return folder
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
+
+import pytest
 
 from pipelines.config import TrainILConfig
 from pipelines.workflow.app import compose
-from pipelines.workflow.artefacts import card, content_hash
+from pipelines.workflow.artefacts import card, content_hash, git_commit
 
 
 def test_cards_are_the_same_for_the_same_configuration() -> None:
@@ -24,3 +27,22 @@ def test_cards_are_the_same_for_the_same_configuration() -> None:
 def test_content_hash_knows_no_order() -> None:
     assert content_hash({"a": 1, "b": [1, 2]}) == content_hash({"b": [1, 2], "a": 1})
     assert content_hash({"a": 1}) != content_hash({"a": 2})
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [
+        FileNotFoundError("git"),
+        subprocess.TimeoutExpired("git", 20.0),
+        subprocess.CalledProcessError(128, "git"),
+        PermissionError("git"),
+    ],
+)
+def test_without_git_the_commit_is_unknown(failure: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise failure
+
+    git_commit.cache_clear()
+    monkeypatch.setattr(subprocess, "run", fail)
+    assert git_commit() is None
+    git_commit.cache_clear()
