@@ -15,7 +15,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
 
 .DEFAULT_GOAL := help
-.PHONY: help venv install demo repro test lint format ui bench bench-peers clean
+.PHONY: help venv install demo repro test lint format ui bench bench-peers torture clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-18s %s\n", $$1, $$2 }'
@@ -58,6 +58,9 @@ bench: $(INSTALLED_FOR_TEST) ## run the benchmarks
 
 bench-peers: $(INSTALLED_FOR_TEST) $(PEERS)/gym-pusht/.installed $(PEERS)/kinder/.installed ## compare the speed with gym-pusht and KinDER
 	python -m tests.benchmarks peers
+
+torture: $(INSTALLED_FOR_TEST) ## kills, damaged files and hostile inputs in large numbers (an hour)
+	python -m tests.torture
 
 clean: ## delete the virtual environment and caches, but not outputs
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis *.egg-info

@@ -145,7 +145,7 @@ def test_a_missing_network_is_an_error_that_says_how_to_make_it(planner: str, sp
     [
         ("visual_rhp_plus", 5, "pretrained"),
         ("cartesian_rhp", 4, "pretrained_paper"),
-        ("cartesian_rhp", 3, None),  # not released
+        ("cartesian_rhp", 8, None),  # not released
         ("kinodynamic_rrt", 5, None),
     ],
 )

@@ -46,8 +46,8 @@ def test_the_networks_take_a_few_megabytes() -> None:
 
 
 def test_what_was_not_released_is_an_error_that_lists_what_was() -> None:
-    with pytest.raises(ConfigError, match=r"no released network continuous/cartesian/heuristic_m3.*discrete/image"):
-        load_pretrained("continuous", "cartesian", 3, procedure="paper")
+    with pytest.raises(ConfigError, match=r"no released network continuous/cartesian/heuristic_m8.*discrete/image"):
+        load_pretrained("continuous", "cartesian", 8, procedure="paper")
     with pytest.raises(ConfigError, match="num_objects is missing"):
         load_pretrained("continuous", "cartesian")
     with pytest.raises(ConfigError, match="choose best or paper"):
@@ -79,3 +79,13 @@ def test_visualrhp_plus_is_skilled_with_the_best_networks(space: ActionSpaceName
         results.append(run_task(planner, task, 11, Split.TUNING, index, action_space=make_action_space(space)))
     assert sum(result.success for result in results) >= 29
     assert np.mean([result.num_actions for result in results if result.success]) <= most_actions
+
+
+@pytest.mark.parametrize("wrong", ["", "../best", "x" * 5000, "a\0b"])
+def test_names_of_networks_that_were_not_released_are_refused(wrong: str) -> None:
+    with pytest.raises(ConfigError):
+        load_pretrained(wrong)
+    with pytest.raises(ConfigError):
+        load_pretrained("discrete", wrong)
+    with pytest.raises(ConfigError):
+        load_pretrained("discrete", "cartesian", wrong, "paper")
