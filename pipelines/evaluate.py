@@ -81,12 +81,12 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.executor import run_tasks, worker_count
     from pipelines.workflow.workspace import empty_folder
-    from visualrhp.evaluation.episodes import episodes_table
+    from visualrhp.evaluation.episodes import EpisodeRow, episodes_table, write_episodes
     from visualrhp.evaluation.journal import Journal
     from visualrhp.evaluation.summaries import metrics_by_method, summary_lines, summary_tables
     from visualrhp.files import atomic_path, write_json
 
-    journal = Journal(work / _JOURNAL)
+    journal = Journal(work / _JOURNAL, EpisodeRow)
     units: list[tuple[Point, Unit]] = []
     for point in points:
         networks = {m: file.store(work / "networks") for m, file in point.networks.items()}
@@ -104,8 +104,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
 
     episodes = episodes_table((point.setting, unit.episode, journal[unit.key]) for point, unit in units)
     artefact = empty_folder(work / "artefact")
-    with atomic_path(artefact / "episodes.parquet") as path:
-        episodes.to_parquet(path, index=False)
+    write_episodes(artefact / "episodes.parquet", episodes)
     write_json(artefact / "metrics.json", metrics_by_method(episodes))
     for stem, table in summary_tables(episodes).items():
         with atomic_path(artefact / f"{stem}.csv") as path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -58,7 +59,7 @@ def video_tasks(config: ReportConfig, work: Path) -> list[VideoTask]:
                 path = needed_network(point.planner, space, config.heuristics, num_objects)
                 if not fixes_num_objects(point.planner):
                     find_network(point.planner, space, config.heuristics, num_objects)
-                is_missing = path is not None and not path.is_file()
+                is_missing = path is not None and not os.path.lexists(path)
                 network = None
                 if not is_missing:
                     build_planner(point.planner, space, num_objects, path)

@@ -6,7 +6,6 @@ import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from visualrhp.errors import CheckpointError
 from visualrhp.files import atomic_path
 
 
@@ -44,10 +43,10 @@ class NetworkFile:
         Raises:
             CheckpointError: it cannot be read.
         """
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise CheckpointError(f"the network {path} cannot be read ({error.strerror})") from error
+        from visualrhp.heuristics.checkpoint import NETWORK
+
+        NETWORK.require(path)
+        content = path.read_bytes()
         return cls(name, hashlib.sha256(content).hexdigest(), content)
 
     def store(self, folder: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -50,16 +51,19 @@ def find_network(
     """The file of :func:`needed_network`, which exists.
 
     Raises:
-        CheckpointError: it is missing; the message says how to train it.
+        CheckpointError: it is missing (the message says how to train it) or is not a readable file.
     """
+    from visualrhp.heuristics.checkpoint import NETWORK
+
     path = needed_network(config, action_space, heuristics, num_objects)
-    if path is None or path.is_file():
+    if path is None:
+        return None
+    if os.path.lexists(path):
+        NETWORK.require(path)
         return path
     assert not isinstance(config, Planner)
     assert isinstance(config.heuristic, LearnedHeuristicConfig)
     arguments = f"action_space={action_space} observation={config.heuristic.observation}"
-    if path.exists():
-        raise CheckpointError(f"the network {path} is a folder; it should be a safetensors file")
     raise CheckpointError(
         f"the network {path} does not exist. Use the released networks, heuristics=pretrained; or train it with "
         f"python -m pipelines.generate_demos action_space={action_space}, "

@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import logging
+import os
 import re
 import time
 from pathlib import Path
@@ -147,7 +148,7 @@ def heuristics_of(config: PlayConfig, num_objects: int) -> str | None:
         for folder in (None, *RELEASED)
     }
     trained = paths.pop(None)
-    if config.heuristics is None and trained is not None and not trained.is_file():
+    if config.heuristics is None and trained is not None and not os.path.lexists(trained):
         for folder, path in paths.items():
             if path is not None and path.is_file():
                 _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)

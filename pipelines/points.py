@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
@@ -130,7 +131,7 @@ def _prepare(point: Point, read: dict[Path, NetworkFile], is_only: bool) -> Poin
     planner, space, heuristics = config.planner, config.action_space.name, config.heuristics
     low, high = config.scene.num_objects
     networks = {m: needed_network(planner, space, heuristics, m) for m in range(low, high + 1)}
-    missing = [m for m, path in networks.items() if path is not None and not path.is_file()]
+    missing = [m for m, path in networks.items() if path is not None and not os.path.lexists(path)]
     if len(missing) == len(networks) and (is_only or not fixes_num_objects(planner)):
         find_network(planner, space, heuristics, low)  # its error names the missing file
     found: dict[int, NetworkFile] = {}

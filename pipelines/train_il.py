@@ -6,6 +6,7 @@ parallel on the demonstrations with that number, and tracked as child runs.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -71,7 +72,7 @@ def train_part(config: TrainILConfig, part: Part, folder: Path) -> Iterator[Metr
 
     learner = make_learner(config, part)
     state = folder / _STATE
-    if state.is_file():
+    if os.path.lexists(state):
         learner.load(state)
     for row in learner.run():
         learner.save(state)

@@ -12,6 +12,7 @@ contain both, and the initial network.
 from __future__ import annotations
 
 import functools
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -117,7 +118,7 @@ def train_part(config: TrainRLConfig, part: Part, folder: Path) -> Iterator[Metr
 
     learner = make_learner(config, part)
     state = folder / _STATE
-    if state.is_file():
+    if os.path.lexists(state):
         learner.load(state)
     saved = time.monotonic()
     for row in learner.run(config.learner.iterations):

@@ -88,15 +88,9 @@ def load_start(path: Path, action_space: ActionSpaceName, expected: Observation)
     Raises:
         CheckpointError: it is missing or damaged, or has another action space or observation.
     """
-    from visualrhp.errors import CheckpointError
     from visualrhp.heuristics.conversion import load_network
 
-    network, _ = load_network(path, action_space)
-    if network.observation != expected:
-        raise CheckpointError(
-            f"{path} reads {network.observation}, but observation={expected.name} needs {expected}; set "
-            "heuristic=<folder> to a folder with networks for them"
-        )
+    network, _ = load_network(path, action_space, expected)
     return network
 
 
@@ -233,10 +227,14 @@ class Training:
 
     def _track_history(self, part: Part, work: Path, run: Run) -> None:
         """Track all rows of a finished training that are not tracked yet."""
-        from visualrhp.files import read_json
-
-        for row in read_json(part.folder(work) / "history.json"):
+        for row in self._read_history(part, work):
             run.log_metrics(self._tracked(row), step=int(row[self.unit]))
+
+    def _read_history(self, part: Part, work: Path) -> list[Metrics]:
+        from visualrhp.learning import history
+
+        schemas = {"epoch": history.EpochHistory, "iteration": history.IterationHistory, "round": history.RoundHistory}
+        return history.read_history(part.folder(work) / "history.json", schemas[self.unit])
 
     def _show(self, progress: Any, row: Metrics) -> None:
         progress.update(int(row[self.unit]) - progress.n)
@@ -255,7 +253,8 @@ class Training:
 
         from pipelines.workflow.workspace import empty_folder
         from visualrhp.evaluation.training_figures import SHOWN_CURVES, training_curves
-        from visualrhp.files import atomic_path, read_json, write_json
+        from visualrhp.files import atomic_path, write_json
+        from visualrhp.learning.history import read_summary
 
         folder = empty_folder(work / "artefact")
         metrics: dict[str, Any] = {}
@@ -264,8 +263,8 @@ class Training:
             made = part.folder(work)
             for path in [*made.glob("heuristic.*"), *made.glob("last.*")]:
                 shutil.copyfile(path, folder / f"{path.stem}{part.suffix}{path.suffix}")
-            metrics[part.name] = read_json(made / "metrics.json")
-            history = pd.DataFrame(read_json(made / "history.json"))
+            metrics[part.name] = read_summary(made / "metrics.json")
+            history = pd.DataFrame(self._read_history(part, work))
             tables[part.name] = history[[name for name in history.columns if not name.endswith(("_per_s", "_time_s"))]]
         write_json(folder / "metrics.json", metrics)
         with atomic_path(folder / "curves.csv") as path:

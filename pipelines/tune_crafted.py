@@ -80,9 +80,9 @@ def tune(config: TuneCraftedConfig, work: Path, run: Run) -> Path:
 
     from pipelines.workflow.executor import run_tasks
     from visualrhp.evaluation.journal import Journal
-    from visualrhp.evaluation.weight_search import WeightSearch, run_once
+    from visualrhp.evaluation.weight_search import TrialEpisode, WeightSearch, run_once
 
-    journal = Journal(work / _JOURNAL)
+    journal = Journal(work / _JOURNAL, TrialEpisode)
     if journal:
         _log.info("%d episodes are finished.", len(journal))
     run_one = functools.partial(run_unit, config)

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "visualrhp"
 
 # A layer may import those above it in this list (and itself); those that share a line may import each other.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("types", "errors", "files", "streams", "parameters"),
+    ("types", "errors", "files", "streams", "parameters", "documents"),
     ("scene",),
     ("simulation",),
     ("observation",),
@@ -84,7 +84,7 @@ def test_only_what_is_declared_is_imported() -> None:
     extras = {name: needs for name, needs in project["optional-dependencies"].items() if name != "test"}
     requirements = [*project["dependencies"], *itertools.chain(*extras.values())]
     declared = {re.split(r"[\[>]", requirement)[0].lower().replace("-", "_") for requirement in requirements}
-    of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core", "ruamel": "ruamel.yaml"}
+    of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core", "ruamel": "ruamel.yaml", "yaml": "pyyaml"}
     for path in [*MODULES, *(PACKAGE.parent / "pipelines").rglob("*.py")]:
         for line, module in imported_modules(path):
             top = module.split(".")[0]

@@ -14,8 +14,8 @@ __all__ = ["load_pretrained"]
 
 __version__ = "0.1.0"
 
-# Strings: the environment is imported when one is made. It keeps the action limit itself (Sec. 7.3). Gymnasium's checker
-# is left out, since it fails in the first step of an environment whose first reset was refused.
+# Strings: the environment is imported when one is made. It keeps the action limit itself (Sec. 7.3). Gymnasium's
+# checker is left out, since it fails in the first step of an environment whose first reset was refused.
 _register(
     "visualrhp/ClutterManipulation-v0",
     "visualrhp.environments.clutter_manipulation:ClutterManipulation",

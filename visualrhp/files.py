@@ -85,21 +85,6 @@ def write_json(path: str | os.PathLike[str], content: Any) -> None:
     write_text(path, json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n")
 
 
-def read_json(path: str | os.PathLike[str]) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        DataError: the file is missing or is not JSON.
-    """
-    source = Path(path)
-    try:
-        return json.loads(source.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{source} cannot be read ({error.strerror}); it should be a JSON file") from error
-    except ValueError as error:
-        raise DataError(f"{source} is damaged: it should be JSON, but {error}") from error
-
-
 def _flush(path: Path) -> None:
     """Have the operating system write a file, or the entries of a folder, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)

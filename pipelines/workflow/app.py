@@ -109,7 +109,7 @@ def _composed(config_name: str, schema: type[Config], overrides: Sequence[str]) 
     try:
         return to_typed(hydra.compose(config_name, list(overrides)), schema)
     except Exception as error:
-        mistake = _mistake(error)
+        mistake = mistake_of(error)
         if mistake is None or mistake is error:
             raise
         raise mistake from error
@@ -134,7 +134,7 @@ def _main(config_name: str, task: Task) -> int:
             check_device(typed.device)
             task(typed)
         except Exception as error:
-            mistake = _mistake(error)
+            mistake = mistake_of(error)
             if mistake is None or debug:
                 raise
             if is_sweep:
@@ -149,7 +149,7 @@ def _main(config_name: str, task: Task) -> int:
         print(f"{message}; rerun the command to resume.", file=sys.stderr)
         return code
     except Exception as error:
-        mistake = _mistake(error)
+        mistake = mistake_of(error)
         if mistake is None or debug:
             raise
         failures.append(mistake)
@@ -191,7 +191,7 @@ def _hydra_for_one_run() -> Iterator[None]:
         HydraConfig.instance().cfg = None
 
 
-def _mistake(error: Exception) -> Exception | None:
+def mistake_of(error: Exception) -> Exception | None:
     """The error to report at the command line; None if ``error`` is a bug."""
     # Imported lazily, since `--help` does not need the library.
     from pipelines.workflow.surroundings import storage_error

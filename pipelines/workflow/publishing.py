@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+from visualrhp.documents import FileKind, document
 from visualrhp.errors import DataError, StorageError
-from visualrhp.files import atomic_path, read_json, remove_unfinished_files, write_json
+from visualrhp.files import atomic_path, remove_unfinished_files, write_json
 
 MARK: Final = ".visualrhp.json"
 """Name of the mark of an artefact."""
@@ -23,6 +24,7 @@ MARK: Final = ".visualrhp.json"
 _OF_THE_DESKTOP = (".DS_Store", "Thumbs.db", "desktop.ini")
 """Files that file managers add to folders that they show."""
 
+_KIND: Final = FileKind("a document of an artefact (JSON)", "make the artefact again")
 _MOST_NAMED = 3
 _MOST_COPIES = 5
 _UNFINISHED = shutil.ignore_patterns(".*.visualrhp-new", ".*.visualrhp-old", ".*.tmp", ".*.tmp.*")
@@ -175,28 +177,38 @@ def _marks(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in sorted(folder.rglob(MARK)) if path.is_file()}
 
 
-def read_mark(folder: Path) -> Mapping[str, Any] | None:
+@document
+class Mark:
+    """The mark of an artefact.
+
+    Attributes:
+        stage: that made it.
+        identity: what it is, where artefacts of one stage must not replace each other.
+        files: relative path -> SHA-256.
+    """
+
+    stage: str
+    identity: str | None
+    files: dict[str, str]
+
+
+def read_mark(folder: Path) -> Mark | None:
     """The mark of an artefact; None if the folder has none."""
-    path = folder / MARK
-    if not path.is_file():
-        return None
     try:
-        mark = read_json(path)
+        return _KIND.read(folder / MARK, Mark)
     except DataError:
         return None
-    is_whole = isinstance(mark, dict) and isinstance(mark.get("stage"), str) and isinstance(mark.get("files"), dict)
-    return mark if is_whole else None
 
 
-def changed_files(folder: Path, mark: Mapping[str, Any]) -> list[str]:
+def changed_files(folder: Path, mark: Mark) -> list[str]:
     """Names of the files that were added to an artefact, or changed, since it was published."""
-    found, expected = _checksums(folder), mark["files"]
+    found, expected = _checksums(folder), mark.files
     return sorted(name for name, checksum in found.items() if expected.get(name) != checksum)
 
 
 def _names_stage(path: Path, stage: str) -> bool:
     try:
-        content = read_json(path)
+        content = _KIND.read_content(path)
     except DataError:
         return False
     return isinstance(content, dict) and content.get("stage") == stage
@@ -218,10 +230,10 @@ def _objection(target: Path, stage: str, identity: str | None) -> str | None:
     mark = read_mark(target)
     if mark is None:
         return f"is not empty and was not made by this version of pipelines.{stage}, so it is not replaced"
-    if mark["stage"] != stage:
-        return f"was made by pipelines.{mark['stage']}, so pipelines.{stage} does not replace it"
-    if mark.get("identity") != identity:
-        return f"holds another export ({mark.get('identity')}), which is not replaced by this one ({identity})"
+    if mark.stage != stage:
+        return f"was made by pipelines.{mark.stage}, so pipelines.{stage} does not replace it"
+    if mark.identity != identity:
+        return f"holds another export ({mark.identity}), which is not replaced by this one ({identity})"
     if changed := changed_files(target, mark):
         more = f" and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
         return (

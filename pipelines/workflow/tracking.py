@@ -208,18 +208,12 @@ class _Tracker:
 
     def _known(self) -> dict[str, str]:
         """Ids of the runs of this work folder, by path."""
-        from visualrhp.errors import DataError
-        from visualrhp.files import read_json
+        from visualrhp.documents import FileKind
 
-        if self._run_file is None or not self._run_file.exists():
+        kind = FileKind("ids of runs (JSON)", "delete it; the stage then continues, with a new run in MLflow")
+        if self._run_file is None or not os.path.lexists(self._run_file):
             return {}
-        known = read_json(self._run_file)
-        if isinstance(known, dict) and all(isinstance(run_id, str) for run_id in known.values()):
-            return known
-        raise DataError(
-            f"{self._run_file} is damaged: it should map names of runs to their ids. Delete it; the stage then "
-            "continues its work, with a new run in MLflow."
-        )
+        return kind.read(self._run_file, dict[str, str])
 
     def _remember(self, path: str, run_id: str) -> None:
         if self._run_file is not None:

@@ -60,7 +60,7 @@ def open_work(
     folder = work_folder(config, stage, inputs)
     with explain_storage(folder), locked(folder):
         recover(config.paths.artefact)
-        _delete(_discarded(folder))
+        _delete(discarded_folder(folder))
         folder.mkdir(exist_ok=True)
         remove_unfinished_files_in(folder)
         yield folder
@@ -76,7 +76,7 @@ def work_folder(config: PipelineConfig, stage: str, inputs: Mapping[str, str] | 
 
 def discard(folder: Path) -> None:
     """Delete a work folder, in such an order that it is whole or gone if this process is killed."""
-    discarded = _discarded(folder)
+    discarded = discarded_folder(folder)
     folder.rename(discarded)
     _delete(discarded)
     folder.with_name(folder.name + RUNS_SUFFIX).unlink(missing_ok=True)
@@ -151,7 +151,8 @@ def empty_folder(folder: Path) -> Path:
     return folder
 
 
-def _discarded(folder: Path) -> Path:
+def discarded_folder(folder: Path) -> Path:
+    """Where a work folder is while it is deleted."""
     return folder.with_name(folder.name + _DISCARDED_SUFFIX)
 
 

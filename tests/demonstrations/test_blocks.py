@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visualrhp.demonstrations.blocks import BLOCK_SIZE, BlockStore, repair_set, write_set
+from visualrhp.demonstrations.blocks import BLOCK_SIZE, BlockStore, read_attempts, repair_set, write_set
 from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.demonstrations.generate import generate_block
-from visualrhp.demonstrations.shards import Arrays, between, concatenate
+from visualrhp.demonstrations.shards import Arrays, between, concatenate, read_arrays, write_arrays
 from visualrhp.demonstrations.writer import DemonstrationWriter
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, DataError
 from visualrhp.planning import KinodynamicRRT
 from visualrhp.scene import SceneDistribution
 
@@ -134,3 +134,37 @@ def test_a_planner_that_solves_an_eighth_is_good_enough(tmp_path: Path) -> None:
     writer = DemonstrationWriter(tmp_path / "set", "discrete", 26, SHARD_SIZE)
     metrics = write_set(BlockStore(tmp_path / "blocks", rarely), writer).metrics()
     assert (metrics["demonstrations"], metrics["attempts"]) == (26, 26 * BLOCK_SIZE)
+
+
+@pytest.mark.parametrize("change", ["other arrays", "no times", "times of another type", "dangling link"])
+def test_a_block_of_something_else_is_generated_again(tmp_path: Path, change: str) -> None:
+    generator = Generator()
+    store = BlockStore(tmp_path, generator)
+    before = list(store.blocks(range(2)))
+    path = sorted(tmp_path.iterdir())[1]
+    arrays = read_arrays(path)
+    if change == "dangling link":
+        path.unlink()
+        path.symlink_to(tmp_path / "nowhere")
+    else:
+        if change == "other arrays":
+            del arrays["solved"]
+        elif change == "no times":
+            del arrays["search_time_s"]
+        else:
+            arrays["search_time_s"] = arrays["search_time_s"].astype(complex)
+        write_arrays(path, arrays)
+        with pytest.raises(DataError, match=rf"{path.name} is damaged: .*delete it"):
+            read_attempts(path)
+    after = list(store.blocks(range(2)))
+    assert generator.attempted[2:] == [range(BLOCK_SIZE, 2 * BLOCK_SIZE)]
+    for old, new in zip(before, after, strict=True):
+        assert all(np.array_equal(old[name], new[name]) for name in old if name != "search_time_s")
+
+
+def test_a_folder_in_the_place_of_a_block_is_named(tmp_path: Path) -> None:
+    (tmp_path / "block-000001.npz").mkdir()
+    (tmp_path / "block-000001.npz" / "thesis.tex").write_text("ten days of work")
+    with pytest.raises(DataError, match=r"block-000001\.npz is a folder"):
+        list(BlockStore(tmp_path, Generator()).blocks(range(2)))
+    assert (tmp_path / "block-000001.npz" / "thesis.tex").is_file()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.demonstrations.conftest import ACTION_SPACES, write
-from visualrhp.demonstrations.dataset import DemonstrationSet, damaged_shards
+from visualrhp.demonstrations.dataset import DemonstrationSet, damaged_shards, file_hash, read_card
 from visualrhp.demonstrations.generate import Attempt
-from visualrhp.demonstrations.shards import read_arrays
+from visualrhp.demonstrations.shards import read_arrays, write_arrays
 from visualrhp.errors import DataError
 from visualrhp.types import ActionSpaceName
 
@@ -97,3 +98,85 @@ def test_another_action_space_is_refused(tmp_path: Path, attempts: dict[ActionSp
     folder = write(tmp_path, attempts["continuous"], "continuous")
     with pytest.raises(DataError, match="belongs to demonstrations in the continuous action space"):
         DemonstrationSet.open(folder, "discrete")
+
+
+def refused(folder: Path, name: str, words: str | None = None) -> None:
+    with pytest.raises(DataError, match=words) as caught:
+        list(DemonstrationSet.open(folder))
+    message = str(caught.value)
+    assert name in message and "pipelines.generate_demos" in message and len(message) < 2000 and "\n" not in message
+
+
+REQUIRED = ("action_space", "content_hash", "num_attempts", "num_demonstrations", "num_transitions", "shards")
+
+
+def test_every_key_of_a_card_is_required_and_has_its_type(
+    tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]
+) -> None:
+    folder = write(tmp_path, attempts["discrete"], "discrete", shard_size=2)
+    card = read_card(folder)
+    path = folder / "card.json"
+    for key in REQUIRED:
+        path.write_text(json.dumps({name: value for name, value in card.items() if name != key}))
+        refused(folder, "card.json", f"The key {key} is missing")
+        for value in (None, "abc", [[1]], {"a": 1}, -1, 10**30):
+            path.write_text(json.dumps(card | {key: value}))
+            refused(folder, "card.json")
+    for key in card["shards"][0]:
+        first, *others = card["shards"]
+        without = {name: value for name, value in first.items() if name != key}
+        path.write_text(json.dumps(card | {"shards": [without, *others]}))
+        refused(folder, "card.json", rf"The key shards\[0\]\.{key} is missing")
+        for value in (None, [[1]], -1, 7, "../../etc/passwd", "a\0b"):
+            path.write_text(json.dumps(card | {"shards": [first | {key: value}, *others]}))
+            with pytest.raises(DataError):
+                list(DemonstrationSet.open(folder))
+
+
+@pytest.mark.parametrize("content", [None, [], "card", 3, [{"kind": "demonstrations", "format": 1}]])
+def test_what_is_no_card_is_refused(
+    tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]], content: Any
+) -> None:
+    folder = write(tmp_path, attempts["discrete"], "discrete")
+    (folder / "card.json").write_text(json.dumps(content))
+    refused(folder, "card.json", "is not the card of a demonstration set")
+
+
+def test_what_stands_in_the_place_of_a_file_is_named(
+    tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]]
+) -> None:
+    folder = write(tmp_path, attempts["discrete"], "discrete", shard_size=2)
+    for name in ("shard-00000.npz", "card.json"):
+        path = folder / name
+        content = path.read_bytes()
+        path.unlink()
+        path.mkdir()
+        refused(folder, name, "is a folder")
+        path.rmdir()
+        path.symlink_to(path)
+        refused(folder, name, "loop of links")
+        path.unlink()
+        path.write_bytes(content)
+
+
+@pytest.mark.parametrize("change", ["missing array", "another type", "more attempts", "fewer states", "other actions"])
+def test_a_shard_of_other_arrays_is_refused(
+    tmp_path: Path, attempts: dict[ActionSpaceName, list[Attempt]], change: str
+) -> None:
+    """Even if the card has its checksum."""
+    folder = write(tmp_path, attempts["discrete"], "discrete", shard_size=2)
+    path = folder / "shard-00001.npz"
+    arrays = read_arrays(path)
+    changed: dict[str, Any] = {
+        "missing array": {name: array for name, array in arrays.items() if name != "gripper"},
+        "another type": arrays | {"length": arrays["length"].astype(float)},
+        "more attempts": arrays | {"index": np.append(arrays["index"], 99)},
+        "fewer states": arrays | {"states": arrays["states"][:-1]},
+        "other actions": arrays | {"actions": np.zeros((len(arrays["actions"]), 4))},
+    }[change]
+    write_arrays(path, changed)
+    card = read_card(folder)
+    card["shards"][1] |= {"bytes": path.stat().st_size, "sha256": file_hash(path)}
+    (folder / "card.json").write_text(json.dumps(card))
+    with pytest.raises(DataError, match=r"shard-00001\.npz"):
+        list(DemonstrationSet.open(folder))

@@ -45,3 +45,33 @@ def test_a_sweep_without_a_finished_job_is_named(tmp_path: Path):
         demonstration_batches(tmp_path)
     with pytest.raises(DataError, match=r"sweeps\.stability=.*conf/experiment/fig6\.yaml"):
         stability_trials(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["many/evaluation/discrete", "1e3/evaluation/discrete", "100/evaluation/both"])
+def test_a_table_in_a_folder_of_another_name_is_named(tmp_path: Path, place: str):
+    folder = tmp_path / place
+    folder.mkdir(parents=True)
+    sample_table([{}]).to_parquet(folder / "episodes.parquet", index=False)
+    with pytest.raises(DataError, match=r"episodes\.parquet is not in a folder <number of demonstrations>/evaluation/"):
+        demonstration_batches(tmp_path)
+
+
+def test_damaged_files_of_a_sweep_are_named(tmp_path: Path):
+    table = tmp_path / "100" / "evaluation" / "discrete" / "episodes.parquet"
+    curves = tmp_path / "baseline_step_True" / "seed_3" / "curves.csv"
+    for path in (table, curves):
+        path.parent.mkdir(parents=True)
+        path.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(DataError, match=r"episodes\.parquet is a link"):
+        demonstration_batches(tmp_path)
+    with pytest.raises(DataError, match=r"curves\.csv is a link"):
+        stability_trials(tmp_path)
+    curves.unlink()
+    for content in (
+        "a,b\n1,2\n",
+        "greedy/success_rate,collection/transitions\n,1\n",
+        "greedy/success_rate,collection/transitions\nx,1\n",
+    ):
+        curves.write_text(content)
+        with pytest.raises(DataError, match=r"curves\.csv"):
+            stability_trials(tmp_path)

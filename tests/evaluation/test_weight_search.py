@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.evaluation.samples import sample_result
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, DataError
 from visualrhp.evaluation.journal import Journal
 from visualrhp.evaluation.weight_search import (
     CheckConfig,
@@ -194,3 +194,23 @@ def quiet_optuna() -> Iterator[None]:
     before = optuna.logging.get_verbosity()
     yield
     optuna.logging.set_verbosity(before)
+
+
+def test_a_recorded_episode_has_a_schema(tmp_path: Path) -> None:
+    path = tmp_path / "episodes.jsonl"
+    episode = TrialEpisode(True, False, 8, (0.25, -0.5))
+    Journal(path, TrialEpisode).append("a", asdict(episode))
+    assert TrialEpisode.from_json(Journal(path, TrialEpisode)["a"]) == episode
+    wrong = (
+        {"success": 1},
+        {"num_actions": "8"},
+        {"num_actions": 8.0},
+        {"push_angles": None},
+        {"push_angles": ["1"]},
+        {"x": 1},
+    )
+    for number, change in enumerate(wrong):
+        broken = tmp_path / f"{number}.jsonl"
+        Journal(broken).append("a", asdict(episode) | change)
+        with pytest.raises(DataError, match=rf"{number}\.jsonl is damaged: line 1"):
+            Journal(broken, TrialEpisode)

@@ -12,7 +12,10 @@ from visualrhp.heuristics.architecture import (
     code_colours,
     kernel_offsets,
     label_colours,
+    weight_shapes,
 )
+from visualrhp.heuristics.networks import make_network
+from visualrhp.observation import make_observation
 from visualrhp.observation.label_image import PALETTE
 
 
@@ -42,3 +45,11 @@ def test_windows_are_two_codes_in_each_of_six_rows():
     corners, within = cell_windows()
     assert corners[17] == 4 * 64 + 4 and len(corners) == 256
     assert within.tolist() == [row * 64 + column for row in range(6) for column in (0, 3)]
+
+
+@pytest.mark.parametrize("action_space", ["continuous", "discrete"])
+@pytest.mark.parametrize(("name", "num_objects"), [("image", None), ("cartesian", 1), ("cartesian", 7)])
+def test_the_weights_are_those_of_the_networks(action_space, name, num_objects):
+    observation = make_observation(name, num_objects)
+    weights = make_network(action_space, observation).state_dict()
+    assert weight_shapes(action_space, observation) == {key: tuple(values.shape) for key, values in weights.items()}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from visualrhp.errors import ConfigError
+from visualrhp.errors import ConfigError, LearningError
 from visualrhp.heuristics.checkpoint import load_heuristic
 from visualrhp.heuristics.conversion import (
     average_networks,
@@ -84,3 +84,11 @@ def test_what_cannot_be_averaged() -> None:
     for other in (make_network("continuous", IMAGE), make_network("discrete", CARTESIAN)):
         with pytest.raises(ConfigError, match="cannot be averaged"):
             average_networks([network, other], [0.5, 0.5])
+
+
+def test_a_network_that_diverged_is_no_heuristic() -> None:
+    network = make_network("discrete", make_observation("cartesian", 1))
+    with torch.no_grad():
+        network.q_head.bias[3] = torch.nan
+    with pytest.raises(LearningError, match=r"the training diverged: the weights q_head\.bias .*learner\.lr"):
+        heuristic_of(network)

@@ -1,7 +1,11 @@
 """Arrays and a document in one file: every bit comes back, damage is noticed."""
 
+import json
+import os
+
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from visualrhp.errors import CheckpointError
 from visualrhp.heuristics.tensor_file import read_tensor_file, write_tensor_file
@@ -46,3 +50,42 @@ def test_a_flipped_bit_is_noticed(tmp_path, position):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(CheckpointError, match=r"none\.safetensors does not exist"):
         read_tensor_file(tmp_path / "none.safetensors")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "[]",
+        "null",
+        "{}",
+        '{"checksum": "1", "document": "{}"}',
+        '{"checksum": 1, "document": {}}',
+        '{"checksum": NaN, "document": "{}"}',
+        '{"checksum": 1, "checksum": 1, "document": "{}"}',
+        '{"checksum": 223132457, "document": "[]"}',
+        '{"checksum": 1, "document": "{"}',
+        json.dumps({"checksum": 1, "document": "[" * 100_000}),
+    ],
+    ids=lambda header: header[:30],
+)
+def test_headers_that_were_not_written_here_are_refused(tmp_path, header):
+    path = tmp_path / "file.safetensors"
+    save_file({"a": np.zeros(2)}, path, metadata={"visualrhp": header})
+    with pytest.raises(CheckpointError, match=r"file\.safetensors is damaged: the document in its header") as caught:
+        read_tensor_file(path)
+    assert len(str(caught.value)) < 2000
+    save_file({"a": np.zeros(2)}, path)
+    with pytest.raises(CheckpointError, match="not a file of visualrhp"):
+        read_tensor_file(path)
+
+
+def test_files_of_another_kind_are_refused(tmp_path):
+    path = tmp_path / "file.safetensors"
+    for content in (b"\xff" * 8 + b"{}", b"\0" * 100, b"PK\x03\x04" + b"\0" * 50, b"x"):
+        path.write_bytes(content)
+        with pytest.raises(CheckpointError, match="is damaged"):
+            read_tensor_file(path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(CheckpointError, match="not a regular file"):
+        read_tensor_file(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,3 +119,44 @@ def test_blocks_are_stored_exactly_and_damage_is_reported(tmp_path: Path) -> Non
         read_block(tmp_path / "block.npz")
     with pytest.raises(DataError, match="missing"):
         read_block(tmp_path / "missing.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"observation": None},
+        {"returns": None},
+        {"success": None},
+        {"returns": np.array(1.0, np.float32)},
+        {"returns": np.zeros(1, np.float32)},
+        {"steps_to_go": np.zeros(3)},
+        {"is_target": np.zeros(3)},
+        {"action": np.zeros(3, np.complex64)},
+        {"action": np.full((3, 4), np.nan)},
+        {"num_actions": np.array([3, 4])},
+        {"success": np.array(["yes"])},
+    ],
+    ids=str,
+)
+def test_blocks_of_other_arrays_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    path = tmp_path / "block.npz"
+    block: dict[str, Any] = {
+        "observation": np.zeros((3, 8, 8), np.uint8),
+        "gripper_closed": np.zeros(3, np.bool_),
+        "action": np.zeros((3, 4), np.float32),
+        "returns": np.zeros(3, np.float32),
+        "steps_to_go": np.arange(3, 0, -1),
+        "episode": np.zeros(3, np.int64),
+        "is_target": np.ones(3, np.bool_),
+        "is_valued": np.ones(3, np.bool_),
+        "num_objects": np.array([1]),
+        "success": np.array([True]),
+        "dropped": np.array([False]),
+        "num_actions": np.array([3]),
+        "is_greedy": np.array([False]),
+    }
+    write_block(path, block)
+    assert read_block(path).keys() == block.keys()
+    write_block(path, {name: values for name, values in (block | change).items() if values is not None})
+    with pytest.raises(DataError, match=r"block\.npz is damaged: .*delete it"):
+        read_block(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from visualrhp.errors import ConfigError, DataError
+from visualrhp.errors import CheckpointError, ConfigError, DataError
 from visualrhp.heuristics.conversion import load_network, save_heuristic
 from visualrhp.heuristics.networks import make_network
 from visualrhp.learning.configs import ActorCriticImitationConfig, ExpertIterationConfig
@@ -135,3 +136,32 @@ def test_episodes_without_actions_are_refused() -> None:
     empty = {name: values[:0] for name, values in block_of([0]).items()}
     with pytest.raises(DataError, match="no actions"):
         data_of_blocks([empty], OBSERVATION)
+
+
+@pytest.mark.parametrize("text", ["", "{", "null", "{}", "[null]", '[{"round": 0.0}]', '[{"round": "0"}]', "\ufeff[]"])
+def test_a_damaged_history_says_what_to_delete(start: Path, tmp_path: Path, text: str) -> None:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    (folder / "rounds.json").write_text(text, encoding="utf-8")
+    with pytest.raises(DataError, match=r"rounds\.json .*delete the folder it is in"):
+        iteration(start, folder, Scripted(ACTIONS))
+
+
+def test_a_history_in_which_nothing_was_kept_goes_back_to_the_initial_network(start: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    rows = [{"round": 0.0, "validation/kept": 0.0, "validation/score": 0.5}]
+    (folder / "rounds.json").write_text(json.dumps(rows))
+    assert iteration(start, folder, Scripted(ACTIONS)).best_round == 0
+
+
+def test_what_stands_in_the_place_of_work_files_is_named(start: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "work"
+    block = folder / "round_001" / "block_00000000.npz"
+    block.mkdir(parents=True)
+    with pytest.raises(DataError, match=r"block_00000000\.npz is a folder.*delete it"):
+        list(iteration(start, folder, Scripted(ACTIONS)).run())
+    block.rmdir()
+    (folder / "round_001" / "imitation.safetensors").mkdir()
+    with pytest.raises(CheckpointError, match=r"imitation\.safetensors is a folder.*delete this file"):
+        list(iteration(start, folder, Scripted(ACTIONS)).run())

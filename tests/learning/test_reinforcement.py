@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from tests.learning.corridor import Corridor, TinyQNetwork
-from visualrhp.errors import ConfigError, LearningError
+from visualrhp.errors import CheckpointError, ConfigError, LearningError
+from visualrhp.heuristics.tensor_file import read_tensor_file, write_tensor_file
 from visualrhp.learning.reinforcement import Collector, ReinforcementLearner
 from visualrhp.types import Metrics
 
@@ -92,3 +94,40 @@ def test_episode_statistics_span_collections():
     _, dropped = Collector(Corridor("discrete", num_envs=3)).collect(left, 3)
     assert dropped["collection/episodes"] == 1.0 and dropped["collection/return"] == -50.0
     assert dropped["collection/dropped_rate"] == 1.0
+
+
+def test_a_state_that_does_not_fit_says_what_to_delete(tmp_path):
+    path = tmp_path / "state.safetensors"
+    learner = Counting(TinyQNetwork(), Corridor("discrete"))
+    list(learner.run(2))
+    learner.save(path)
+    arrays, document = read_tensor_file(path)
+    ends = r"state\.safetensors .*delete this file and rerun the command"
+    for change in (
+        {"collector.returns": None},
+        {"collector.returns": np.zeros(3, np.float32)},
+        {"collector.returns": np.zeros(4, np.int64)},
+        {"collector.num_transitions": np.zeros(2)},
+        {"collector.num_transitions": np.array(-1)},
+    ):
+        names = {f"{name}/value": values for name, values in change.items()}
+        changed = {name: values for name, values in (arrays | names).items() if values is not None}
+        write_tensor_file(path, changed, document)
+        with pytest.raises(CheckpointError, match=ends):
+            Counting(TinyQNetwork(), Corridor("discrete")).load(path)
+    for change in (
+        {"iteration": {"kind": "value", "content": "2"}},
+        {"iteration": {"kind": "value", "content": 1}},
+        {"best_score": {"kind": "value", "content": ["a", 1]}},
+        {"history": {"kind": "value", "content": {}}},
+        {"history": {"kind": "array", "content": None}},
+    ):
+        write_tensor_file(path, arrays, document | change)
+        with pytest.raises(CheckpointError, match=ends):
+            Counting(TinyQNetwork(), Corridor("discrete")).load(path)
+    write_tensor_file(path, arrays, document)
+    with pytest.raises(CheckpointError, match=ends):
+        Counting(TinyQNetwork(), Corridor("discrete", num_envs=3)).load(path)
+    resumed = Counting(TinyQNetwork(), Corridor("discrete"))
+    resumed.load(path)
+    assert resumed.iteration == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,8 @@ import torch
 from torch import nn
 
 from visualrhp.errors import CheckpointError
+from visualrhp.heuristics.tensor_file import read_tensor_file, write_tensor_file
+from visualrhp.learning.history import ImitationProgress
 from visualrhp.learning.training_state import load_training_state, save_training_state
 
 
@@ -115,3 +119,144 @@ def test_state_that_does_not_fit_is_refused_and_changes_nothing(tmp_path: Path) 
 def test_unknown_part_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="set"):
         save_training_state(tmp_path / "state.safetensors", {"part": {1, 2}})
+
+
+# ------------------------------------------------------------------------------------- documents that are no states
+VALUES = {"epoch": 1, "history": [{"epoch": 1.0, "loss": 0.5}]}
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> Path:
+    path = tmp_path / "state.safetensors"
+    training = _Training(seed=1)
+    training.step()
+    save_training_state(path, training.parts | VALUES)
+    return path
+
+
+def refused(path: Path) -> str:
+    """The file is refused, in a sentence that says what to delete, and nothing is changed."""
+    training = _Training(seed=2)
+    before = training.bits(), training.order.bit_generator.state, training.noise.get_state().tolist()
+    with pytest.raises(CheckpointError) as caught:
+        load_training_state(path, training.parts, ImitationProgress)
+    assert before == (training.bits(), training.order.bit_generator.state, training.noise.get_state().tolist())
+    message = str(caught.value)
+    assert len(message) < 2000 and "\n" not in message and path.name in message
+    assert message.endswith("delete this file and rerun the command: the training starts again from its beginning.")
+    return message
+
+
+def test_values_have_a_schema(stored: Path) -> None:
+    assert load_training_state(stored, _Training(seed=2).parts, ImitationProgress) == VALUES
+    for values, words in (
+        ({"epoch": "1"}, "epoch=1 has the wrong type"),
+        ({"epoch": -1}, "out of range"),
+        ({"epoch": 2}, "epoch=2 does not match its history of 1 epochs"),
+        ({"history": None}, "history=null"),
+        ({"history": [{"loss": 0.5}]}, "row 0 of the history lacks epoch"),
+        ({"history": [{"epoch": 1.0, "loss": "0.5"}]}, "loss=0.5 has the wrong type"),
+        ({"history": [{"epoch": 7.0}]}, "row 0 of the history has epoch=7"),
+        ({"history": [[1]]}, "history"),
+    ):
+        save_training_state(stored, _Training(seed=1).parts | VALUES | values)
+        assert words in refused(stored)
+    save_training_state(stored, _Training(seed=1).parts | {"epoch": 0})
+    assert "The key history is missing" in refused(stored)
+
+
+DOCUMENTS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "empty": lambda document: {},
+    "a part that is null": lambda document: document | {"network": None},
+    "a part without a kind": lambda document: document | {"network": {"content": None}},
+    "an unknown kind": lambda document: document | {"network": {"kind": "code", "content": "import os"}},
+    "a kind of another type": lambda document: document | {"network": {"kind": ["module"], "content": None}},
+    "another kind": lambda document: document | {"network": {"kind": "optimizer", "content": None}},
+    "a tensor that is missing": lambda document: document | {"more": {"kind": "tensor", "content": None}},
+    "an additional part": lambda document: document | {"more": {"kind": "module", "content": None}},
+    "a part that is missing": lambda document: {name: document[name] for name in document if name != "noise"},
+}
+CONTENTS: dict[str, tuple[str, Any]] = {
+    "optimizer null": ("optimizer", None),
+    "optimizer list": ("optimizer", []),
+    "optimizer empty": ("optimizer", {}),
+    "optimizer groups null": ("optimizer", {"scalars": {}, "groups": None}),
+    "optimizer groups of numbers": ("optimizer", {"scalars": {}, "groups": [1]}),
+    "optimizer without settings": ("optimizer", {"scalars": {}, "groups": [{"params": [0, 1, 2, 3]}]}),
+    "optimizer scalars null": ("optimizer", {"scalars": None, "groups": []}),
+    "generator null": ("order", None),
+    "generator empty": ("order", {}),
+    "generator of another kind": ("order", {"bit_generator": "MT19937", "state": {}}),
+    "generator without state": ("order", {"bit_generator": "PCG64"}),
+    "generator of text": ("order", {"bit_generator": "PCG64", "state": {"state": "1", "inc": "2"}}),
+    "generator of a list": ("order", [1, 2]),
+}
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_documents_that_are_no_states_are_refused(stored: Path, name: str) -> None:
+    arrays, document = read_tensor_file(stored)
+    write_tensor_file(stored, arrays, DOCUMENTS[name](document))
+    refused(stored)
+
+
+@pytest.mark.parametrize("name", CONTENTS)
+def test_contents_of_parts_that_do_not_fit_are_refused(stored: Path, name: str) -> None:
+    arrays, document = read_tensor_file(stored)
+    part, content = CONTENTS[name]
+    write_tensor_file(stored, arrays, document | {part: document[part] | {"content": content}})
+    refused(stored)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("lr", "0.01"), ("lr", None), ("lr", 10**30), ("lr", -1.0), ("betas", [0.9]), ("betas", "abcd"), ("eps", 1.0),
+     ("amsgrad", True), ("params", [3, 2, 1, 0]), ("params", [0, 1, 2]), ("foreach", "yes")],
+)  # fmt: skip
+def test_settings_of_an_optimizer_are_those_of_the_training(stored: Path, key: str, value: Any) -> None:
+    arrays, document = read_tensor_file(stored)
+    document["optimizer"]["content"]["groups"][0][key] = value
+    write_tensor_file(stored, arrays, document)
+    refused(stored)
+
+
+ARRAYS: dict[str, dict[str, Any]] = {
+    "weights that are not finite": {"network/0.bias": np.full(4, np.nan, np.float32)},
+    "weights of another type": {"network/0.bias": np.zeros(4, np.int64)},
+    "weights in double precision": {"network/0.bias": np.zeros(4)},
+    "a missing weight": {"network/0.bias": None},
+    "moments that are not finite": {"optimizer/1.exp_avg": np.full(4, np.inf, np.float32)},
+    "moments of another shape": {"optimizer/1.exp_avg": np.zeros(3, np.float32)},
+    "moments of another type": {"optimizer/1.exp_avg": np.zeros(4, np.int64)},
+    "moments of no parameter": {"optimizer/9.exp_avg": np.zeros(4, np.float32)},
+    "moments without a number": {"optimizer/x.exp_avg": np.zeros(4, np.float32)},
+    "missing moments": {"optimizer/1.exp_avg": None},
+    "a generator of another length": {"noise/state": np.zeros(3, np.uint8)},
+    "a generator of another type": {"noise/state": np.zeros(5056)},
+    "a missing generator": {"noise/state": None},
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_that_do_not_fit_are_refused(stored: Path, name: str) -> None:
+    arrays, document = read_tensor_file(stored)
+    changed = {key: values for key, values in (arrays | ARRAYS[name]).items() if values is not None}
+    write_tensor_file(stored, changed, document)
+    refused(stored)
+
+
+def test_files_that_cannot_be_opened_say_what_to_delete(tmp_path: Path) -> None:
+    path = tmp_path / "state.safetensors"
+    path.mkdir()
+    assert "is a folder" in refused(path)
+    path.rmdir()
+    path.symlink_to(path)
+    assert "loop of links" in refused(path)
+    path.unlink()
+    os.mkfifo(path)
+    assert "not a regular file" in refused(path)
+    path.unlink()
+    path.write_bytes(b"")
+    assert "0 bytes" in refused(path)
+    path.write_bytes(b"x" * 100)
+    assert "is damaged" in refused(path)

@@ -84,7 +84,7 @@ def test_networks_that_do_not_fit_are_refused_before_any_work(outputs):
         read_inputs(configure(outputs, f"heuristic={other_space}"))
     image = outputs / "train_il/continuous/image"
     (image / "heuristic.safetensors").rename(image / "heuristic_m1.safetensors")
-    with pytest.raises(CheckpointError, match="observation=cartesian"):
+    with pytest.raises(CheckpointError, match="one for cartesian observations of 1 objects is needed"):
         read_inputs(configure(outputs, f"heuristic={image}"))
 
 

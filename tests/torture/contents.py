@@ -20,7 +20,24 @@ Change = Callable[[Path, bytes, np.random.Generator, Path], Any]
 Changes = tuple[list[tuple[str, Change]], set[str]]
 """Changes by name, and the names of those after which the file cannot be used."""
 
-VALUES = (None, True, -1, 0, 10**30, 1e300, -0.5, "abc", "", "../../etc/passwd", "a\0b", "ü" * 5000, [], {}, [[1]], {"a": 1})
+VALUES = (
+    None,
+    True,
+    -1,
+    0,
+    10**30,
+    1e300,
+    -0.5,
+    "abc",
+    "",
+    "../../etc/passwd",
+    "a\0b",
+    "ü" * 5000,
+    [],
+    {},
+    [[1]],
+    {"a": 1},
+)
 """Values of the types of JSON to put in the place of others."""
 
 WRONG = [[1]]
@@ -172,11 +189,19 @@ def journal_changes(schema: Any) -> Changes:
         return result | {sorted(result)[int(rng.integers(len(result)))]: [["wrong"]]}
 
     changes: list[tuple[str, Change]] = [
-        (f"a result that is {value!r}"[:40], rewrite(lambda result, rng, value=value: value)) for value in (None, [], {}, 3)
+        (f"a result that is {value!r}"[:40], rewrite(lambda result, rng, value=value: value))
+        for value in (None, [], {}, 3)
     ]
     changes += [("a result that lacks a key", rewrite(without)), ("a result of another type", rewrite(wrong))]
-    for name, line in (("a list", b"[1, 2]"), ("null", b"null"), ("a group", b'{"a": 1, "b": 2}'), ("zeros", b"\0" * 50)):
-        changes.append((f"a line that is {name}", lambda path, content, *_, line=line: path.write_bytes(line + b"\n" + content)))
+    for name, line in (
+        ("a list", b"[1, 2]"),
+        ("null", b"null"),
+        ("a group", b'{"a": 1, "b": 2}'),
+        ("zeros", b"\0" * 50),
+    ):
+        changes.append(
+            (f"a line that is {name}", lambda path, content, *_, line=line: path.write_bytes(line + b"\n" + content))
+        )
     return changes, {name for name, _ in changes}
 
 

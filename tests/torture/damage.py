@@ -154,7 +154,7 @@ def ways_to_damage(victim: Victim) -> list[Damage]:
     return ways
 
 
-def flip(path: Path, content: bytes, rng: np.random.Generator, _: Path) -> None:
+def flip(path: Path, content: bytes, rng: np.random.Generator, __: Path) -> None:
     damaged = bytearray(content)
     for _ in range(int(rng.choice([1, 1, 1, 2, 8]))):
         damaged[int(rng.integers(len(damaged)))] ^= 1 << int(rng.integers(8))

@@ -101,7 +101,7 @@ def outcome_of(pipeline: str, overrides: list[str]) -> str:
         text = str(error)
         return "refused" if len(text) < _CHARACTERS else f"bug: a message of {len(text)} characters: {text[:100]}"
     except Exception as error:
-        mistake = app._mistake(error)
+        mistake = app.mistake_of(error)
         return "refused" if mistake is not None else f"bug: {type(error).__name__}: {error}"
     return "valid"
 

@@ -8,14 +8,18 @@ the seed.
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from visualrhp.demonstrations.dataset import damaged_shards, file_hash
-from visualrhp.demonstrations.shards import Arrays, between, concatenate, read_arrays, write_arrays
+from visualrhp.demonstrations.shards import Arrays, between, check_arrays, concatenate, read_arrays, write_arrays
 from visualrhp.demonstrations.statistics import AttemptStatistics
 from visualrhp.demonstrations.writer import DemonstrationWriter
+from visualrhp.documents import FileKind
 from visualrhp.errors import ConfigError, DataError
 from visualrhp.files import atomic_path, remove_unfinished_files
 
@@ -23,6 +27,8 @@ _log = logging.getLogger(__name__)
 
 BLOCK_SIZE: Final = 8
 """Attempts per block; a block is the unit of parallel work."""
+
+BLOCK: Final = FileKind("a block of attempts (an npz file)", "delete it, and rerun the command to generate it again")
 
 _NUM_TRIALS = 200
 """Number of attempts after which the generation fails if hardly any of them is solved."""
@@ -53,20 +59,26 @@ class BlockStore:
         remove_unfinished_files(folder)
 
     def blocks(self, numbers: range) -> Iterator[Arrays]:
-        """Yield the blocks with these ``numbers``, in order; missing ones are generated first."""
+        """Yield the blocks with these ``numbers``, in order; missing ones are generated first, damaged ones again.
+
+        Raises:
+            DataError: a folder is in the place of a block.
+        """
         self._fill(numbers)
         for number in numbers:
             try:
-                arrays = read_arrays(self._path(number))
+                arrays = read_attempts(self._path(number))
             except DataError as damage:  # damaged after it was written
                 _log.warning("%s", damage)
+                if self._path(number).is_dir():
+                    raise
                 self._path(number).unlink(missing_ok=True)
                 self._fill(range(number, number + 1))
-                arrays = read_arrays(self._path(number))
+                arrays = read_attempts(self._path(number))
             yield arrays
 
     def _fill(self, numbers: range) -> None:
-        missing = [number for number in numbers if not self._path(number).is_file()]
+        missing = [number for number in numbers if not os.path.lexists(self._path(number))]
         if not missing:
             return
         ranges = [range(number * BLOCK_SIZE, (number + 1) * BLOCK_SIZE) for number in missing]
@@ -78,6 +90,19 @@ class BlockStore:
 
     def _path(self, number: int) -> Path:
         return self._folder / f"block-{number:06d}.npz"
+
+
+def read_attempts(path: Path) -> Arrays:
+    """Read a block of attempts.
+
+    Raises:
+        DataError: the file is missing or damaged, or holds something else.
+    """
+    arrays = read_arrays(path, BLOCK)
+    check_arrays(path, arrays, BLOCK)
+    if "search_time_s" not in arrays or not _is_one_number_each(arrays):
+        raise BLOCK.damaged(path, "search_time_s is missing, or has not one number for each attempt")
+    return arrays
 
 
 def write_set(store: BlockStore, writer: DemonstrationWriter) -> AttemptStatistics:
@@ -134,3 +159,8 @@ def repair_set(folder: Path, card: Mapping[str, Any], store: BlockStore, scratch
         with atomic_path(folder / shard["file"]) as path:
             path.write_bytes(again.read_bytes())
     return True if damages else None
+
+
+def _is_one_number_each(arrays: Arrays) -> bool:
+    times = arrays["search_time_s"]
+    return times.dtype == np.float64 and times.shape == arrays["index"].shape

@@ -8,24 +8,78 @@ the content of a set depends only on (configuration, seed), not on the number of
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from visualrhp.demonstrations.returns import monte_carlo_returns
-from visualrhp.demonstrations.shards import Shard, integers, map_arrays, offsets
+from visualrhp.demonstrations.shards import SHARD, Shard, check_arrays, integers, map_arrays, offsets
+from visualrhp.documents import FileKind, document, shown_path
 from visualrhp.errors import DataError
-from visualrhp.files import read_json
+from visualrhp.parameters import Count, Index, show
 from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation.rules import DISCOUNT
 from visualrhp.types import ActionSpaceName, Episode, FloatArray, IntArray
 
 CARD_FILE = "card.json"
 FORMAT = 1
+
+
+CARD: Final = FileKind(
+    "the card of a set of demonstrations (a JSON file)",
+    "generate the set again (python -m pipelines.generate_demos)",
+    missing="is missing: there is no finished set of demonstrations there",
+)
+
+
+@document
+class _ShardEntry:
+    """A shard on the card."""
+
+    file: str
+    bytes: Index
+    sha256: str
+    first_index: Index
+    num_attempts: Count
+    num_demonstrations: Index
+    num_transitions: Index
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"shard-\d{5,9}\.npz", self.file):
+            raise ValueError(f"file={show(self.file)} is not the name of a shard, such as shard-00000.npz")
+        if self.num_demonstrations > self.num_attempts:
+            raise ValueError(f"num_demonstrations={self.num_demonstrations} is more than its attempts")
+
+
+@document
+class _Card:
+    """The card of a set."""
+
+    action_space: ActionSpaceName
+    num_demonstrations: Count
+    num_attempts: Count
+    num_transitions: Index
+    shards: tuple[_ShardEntry, ...]
+    content_hash: str
+
+    def __post_init__(self) -> None:
+        first_index = 0
+        for number, shard in enumerate(self.shards):
+            if shard.first_index != first_index:
+                raise ValueError(f"shards[{number}].first_index={shard.first_index}, but {first_index} comes next")
+            first_index += shard.num_attempts
+        for name in ("num_demonstrations", "num_attempts", "num_transitions"):
+            if (total := sum(getattr(shard, name) for shard in self.shards)) != getattr(self, name):
+                raise ValueError(f"{name}={getattr(self, name)}, but its shards have {total}")
+        if len({shard.file for shard in self.shards}) < len(self.shards):
+            raise ValueError("a shard is listed twice")
+        if not re.fullmatch("[0-9a-f]{64}", self.content_hash):
+            raise ValueError(f"content_hash={show(self.content_hash)} is not a SHA-256 checksum")
 
 
 def read_card(folder: str | Path) -> dict[str, Any]:
@@ -35,16 +89,20 @@ def read_card(folder: str | Path) -> dict[str, Any]:
         DataError: it is missing or damaged, or is not such a card; the message names the file.
     """
     path = Path(folder) / CARD_FILE
-    if not path.is_file():
-        raise DataError(f"{path} is missing: there is no finished set of demonstrations there; generate one first.")
-    card = read_json(path)
+    card = CARD.read_content(path)
     if not isinstance(card, dict) or card.get("kind") != "demonstrations" or card.get("format") != FORMAT:
-        raise DataError(f"{path} is not the card of a demonstration set of format {FORMAT}; generate the set again.")
+        raise CARD.unusable(path, f"is not the card of a demonstration set of format {FORMAT}")
+    CARD.check(path, _Card, card)
     return card
 
 
 def damaged_shards(folder: str | Path, card: Mapping[str, Any]) -> dict[int, str]:
-    """Number of every missing, truncated or altered shard -> description of the damage, with the name of the file."""
+    """Number of every missing, truncated or altered shard -> description of the damage, with the name of the file.
+
+    Args:
+        folder: of the set.
+        card: of the set, from :func:`read_card`.
+    """
     damages = {}
     for number, shard in enumerate(card["shards"]):
         damage = _damage(Path(folder) / shard["file"], shard)
@@ -83,8 +141,8 @@ class DemonstrationSet:
         card = read_card(folder)
         if action_space is not None and card["action_space"] != action_space:
             raise DataError(
-                f"{path} belongs to demonstrations in the {card['action_space']} action space; the {action_space} "
-                "action space needs its own."
+                f"{shown_path(path)} belongs to demonstrations in the {card['action_space']} action space; the "
+                f"{action_space} action space needs its own."
             )
         for damage in damaged_shards(folder, card).values():
             raise DataError(damage)
@@ -160,9 +218,14 @@ class DemonstrationSet:
             DataError: the file was damaged since the set was opened.
         """
         if number not in self._shards:
-            path = self._folder / self.card["shards"][number]["file"]
+            entry = self.card["shards"][number]
+            path = self._folder / entry["file"]
             arrays = map_arrays(path)
+            check_arrays(path, arrays)
             check_action_space(arrays, self.action_space, str(path))
+            found = len(arrays["index"]), int(arrays["solved"].sum()), int(arrays["length"].sum())
+            if found != (entry["num_attempts"], entry["num_demonstrations"], entry["num_transitions"]):
+                raise SHARD.damaged(path, "its attempts, demonstrations and transitions are not those on the card")
             self._shards[number] = Shard(arrays)
         return self._shards[number]
 
@@ -189,19 +252,16 @@ def check_action_space(arrays: Mapping[str, npt.NDArray[Any]], action_space: Act
 
 def _damage(path: Path, expected: Mapping[str, Any]) -> str | None:
     """Describe the damage of a shard file; None if it matches the card."""
-    if not path.is_file():
-        return f"{path} is missing, but the card lists it; rerun the command that made the set to repair it."
-    size = path.stat().st_size
-    if size != expected["bytes"]:
-        return (
-            f"{path} has {size} bytes, but {expected['bytes']} on the card: it is damaged; rerun the command "
-            "that made the set to repair it."
-        )
-    if file_hash(path) != expected["sha256"]:
-        return (
-            f"{path} does not have the SHA-256 checksum on the card: it is damaged; rerun the command that "
-            "made the set to repair it."
-        )
+    if objection := SHARD.objection(path):
+        return str(objection)
+    try:
+        size = path.stat().st_size
+        if size != expected["bytes"]:
+            return str(SHARD.unusable(path, f"has {size} bytes, but {expected['bytes']} on the card: it is damaged"))
+        if file_hash(path) != expected["sha256"]:
+            return str(SHARD.unusable(path, "does not have the SHA-256 checksum on the card: it is damaged"))
+    except OSError as error:
+        return str(SHARD.unreadable(path, error))
     return None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.demonstrations.shards import Arrays, Shard, between
+from visualrhp.documents import brief, shown_path
 from visualrhp.errors import ActionError, ConfigError, DataError, SceneError, SimulationError
 from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation.action_spaces import make_action_space
@@ -122,6 +123,6 @@ def generation_physics(demonstrations: DemonstrationSet, folder: str | Path) -> 
         return Physics(**demonstrations.card["config"]["physics"])
     except (KeyError, TypeError, ConfigError) as error:
         raise DataError(
-            f"the card in {folder} does not have the parameters of the simulator that generated the set, or they "
-            f"do not match this version ({error}); generate the set again."
+            f"the card in {shown_path(folder)} does not have the parameters of the simulator that generated the set, "
+            f"or they do not match this version ({brief(error)}); generate the set again."
         ) from error

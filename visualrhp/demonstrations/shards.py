@@ -28,16 +28,18 @@ array              dtype       shape               content
 from __future__ import annotations
 
 import dataclasses
+import math
 import struct
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from visualrhp.documents import FileKind, brief
 from visualrhp.errors import DataError
 from visualrhp.files import atomic_path
 from visualrhp.scene.gripper import Gripper
@@ -54,6 +56,34 @@ _ZIP_HEADER = struct.Struct("<4s5H3I2H")
 """Local header of a member of a zip file, up to the lengths of its name and its extra field."""
 
 _GRIPPER_FIELDS = len(dataclasses.fields(Gripper))
+
+_COLUMNS: Final = {
+    "index": (np.int64,),
+    "solved": (np.bool_,),
+    "length": (np.int64,),
+    "num_objects": (np.int64,),
+    "states": (np.float64,),
+    "actions": (np.float64, ContinuousActionSpace.DIMENSION),
+    "rewards": (np.float64,),
+    "target": (np.float64, 3),
+    "gripper": (np.float64, _GRIPPER_FIELDS),
+    "num_edges": (np.int64,),
+    "edges": (np.float64, 2),
+    "num_vertices": (np.int64,),
+    "outlines": (np.float64, 2),
+    "materials": (np.float64, 2),
+    "num_simulated": (np.int64,),
+    "num_nodes": (np.int64,),
+}
+"""Type of every array, and its shape after the first axis."""
+
+_MOST_ROWS: Final = 1 << 32
+
+SHARD: Final = FileKind(
+    "a shard of demonstrations (an npz file)",
+    "rerun the command that made the set (python -m pipelines.generate_demos), which repairs it",
+    missing="is missing",
+)
 
 
 def pack(attempts: Sequence[Attempt], action_space: ActionSpaceName) -> Arrays:
@@ -198,22 +228,31 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def read_arrays(path: Path) -> Arrays:
+def read_arrays(path: Path, kind: FileKind = SHARD) -> Arrays:
     """Read all arrays of an npz file, verifying its checksums.
+
+    Args:
+        path: of the file.
+        kind: of the file, for the messages.
 
     Raises:
         DataError: the file is missing or damaged.
     """
+    kind.require(path)
+    arrays: Arrays = {}
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except FileNotFoundError:
-        raise DataError(f"{path} is missing; it should be a shard of demonstrations.") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise DataError(f"{path} is damaged and cannot be read as npz ({error}); make it again.") from error
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            for member in archive.infolist():
+                with archive.open(member) as content:
+                    arrays[_array_name(member, arrays)] = np.lib.format.read_array(content, allow_pickle=False)
+                    if content.read(1):  # at the end, the checksum is compared
+                        raise ValueError(f"{member.filename} has more than an array")
+    except Exception as error:  # zipfile and NumPy raise almost anything for bytes that they did not write
+        raise kind.damaged(path, f"it cannot be read as npz ({brief(error)})") from error
+    return arrays
 
 
-def map_arrays(path: Path) -> Arrays:
+def map_arrays(path: Path, kind: FileKind = SHARD) -> Arrays:
     """Memory-map the arrays of an npz file of :func:`write_arrays`; they are read from the disk when they are used.
 
     The operating system keeps the parts in use and evicts them when memory is short. Nothing is verified.
@@ -221,6 +260,7 @@ def map_arrays(path: Path) -> Arrays:
     Raises:
         DataError: the file is missing or damaged.
     """
+    kind.require(path)
     arrays: Arrays = {}
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
@@ -230,7 +270,8 @@ def map_arrays(path: Path) -> Arrays:
                 file.seek(member.header_offset)
                 header = file.read(_ZIP_HEADER.size)
                 *_, name_length, extra_length = _ZIP_HEADER.unpack(header)
-                file.seek(member.header_offset + _ZIP_HEADER.size + name_length + extra_length)
+                start = member.header_offset + _ZIP_HEADER.size + name_length + extra_length
+                file.seek(start)
                 version = np.lib.format.read_magic(file)
                 read_header = {
                     (1, 0): np.lib.format.read_array_header_1_0,
@@ -239,16 +280,67 @@ def map_arrays(path: Path) -> Arrays:
                 shape, _, dtype = read_header(file)
                 if dtype.hasobject:
                     raise ValueError(f"{member.filename} holds objects")
-                name = member.filename.removesuffix(".npy")
+                if file.tell() - start + math.prod(shape) * dtype.itemsize != member.file_size:
+                    raise ValueError(f"{member.filename} has another length than its array")
+                name = _array_name(member, arrays)
                 if 0 in shape:  # nothing to map
                     arrays[name] = np.empty(shape, dtype)
                 else:
                     arrays[name] = np.memmap(file, dtype, mode="r", offset=file.tell(), shape=shape)
-    except FileNotFoundError:
-        raise DataError(f"{path} is missing; it should be a shard of demonstrations.") from None
-    except (OSError, ValueError, EOFError, KeyError, struct.error, zipfile.BadZipFile) as error:
-        raise DataError(f"{path} is damaged and cannot be read as npz ({error}); make it again.") from error
+    except Exception as error:  # as above
+        raise kind.damaged(path, f"it cannot be read as npz ({brief(error)})") from error
     return arrays
+
+
+def check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], kind: FileKind = SHARD) -> None:
+    """Check the names, types and shapes of the arrays of a shard or a block (see the module), which a file holds.
+
+    Raises:
+        DataError: they are not those of a shard.
+    """
+    try:
+        _check_arrays(arrays)
+    except (ValueError, TypeError, IndexError) as error:
+        raise kind.damaged(path, error) from error
+
+
+def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+    for name, (dtype, *columns) in _COLUMNS.items():
+        if name not in arrays:
+            raise ValueError(f"the array {name} is missing")
+        array = arrays[name]
+        if name == "actions" and array.ndim == 1:  # discrete
+            dtype, columns = np.int64, []
+        if array.dtype != dtype or list(array.shape[1:]) != columns or array.ndim == 0:
+            right = " x ".join(map(str, ["N", *columns]))
+            raise ValueError(f"{name} is {array.dtype} of shape {list(array.shape)}, not {np.dtype(dtype)} of {right}")
+    length, num_objects, num_edges = (arrays[name] for name in ("length", "num_objects", "num_edges"))
+    num_vertices = arrays["num_vertices"]
+    for name, least in (("length", 0), ("num_objects", 1), ("num_edges", 3), ("num_vertices", 3)):
+        if not ((arrays[name] >= least) & (arrays[name] < _MOST_ROWS)).all():
+            raise ValueError(f"{name} has numbers below {least} or too large")
+    count = len(arrays["index"])
+    sizes = dict.fromkeys(_COLUMNS, count) | {
+        "num_vertices": int(num_objects[:count].sum()),
+        "materials": int(num_objects[:count].sum()),
+        "actions": int(length.sum()),
+        "rewards": int(length.sum()),
+        "edges": int(num_edges.sum()),
+        "outlines": int(num_vertices.sum()),
+    }
+    del sizes["states"]
+    for name, size in sizes.items():
+        if len(arrays[name]) != size:
+            raise ValueError(f"{name} has {len(arrays[name])} rows, not {size}")
+    if len(arrays["states"]) != (size := int(((length + 1) * state_dimension(num_objects)).sum())):
+        raise ValueError(f"states has {len(arrays['states'])} numbers, not {size}")
+
+
+def _array_name(member: zipfile.ZipInfo, others: Mapping[str, Any]) -> str:
+    name = member.filename.removesuffix(".npy")
+    if name == member.filename or name in others:
+        raise ValueError(f"{member.filename} is no array, or is there twice")
+    return name
 
 
 def integers(values: Iterable[int]) -> IntArray:

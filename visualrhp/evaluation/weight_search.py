@@ -20,6 +20,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any
 
+from pydantic import ConfigDict
+
 from visualrhp.evaluation.behaviour import push_angles
 from visualrhp.evaluation.journal import Journal
 from visualrhp.execution.episode import EpisodeResult
@@ -115,6 +117,8 @@ class TrialEpisode:
         push_angles: see :func:`visualrhp.evaluation.behaviour.push_angles`, to four digits [rad].
     """
 
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid")  # where it is the schema of a journal
+
     success: bool
     dropped: bool
     num_actions: int
@@ -146,7 +150,7 @@ def run_once(run: RunUnordered, journal: Journal) -> RunEpisodes:
 
     Args:
         run: runs the episodes that are missing.
-        journal: of this search alone.
+        journal: of this search alone, with the schema :class:`TrialEpisode`.
     """
 
     def run_episodes(tasks: Sequence[TrialTask]) -> list[TrialEpisode]:

@@ -1,7 +1,7 @@
 """Constants of Sec. 7.2 and fixed coordinates, for the networks in PyTorch and their inference in NumPy.
 
 The layers are defined once, in :mod:`visualrhp.heuristics.networks`; the inference finds them by the names and shapes
-of their weights.
+of their weights. :func:`weight_shapes` lists these, so that a file can be checked without PyTorch.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from visualrhp.observation import Observation
 from visualrhp.observation.label_image import IMAGE_SIZE, PALETTE
+from visualrhp.simulation.action_spaces import ContinuousActionSpace, DiscreteActionSpace
+from visualrhp.types import ActionSpaceName
 
 Array = npt.NDArray[np.float32]
 
@@ -42,6 +45,41 @@ PATCH: Final = POOLING + 2
 """Side of a pooling cell including a border of one pixel [pixels]."""
 
 _SPACING: Final = np.float32(2.0 / (IMAGE_SIZE - 1))
+
+
+_ENCODER: Final = {
+    "encoder.layers.0.convolution": (8, 5, 3, 3),
+    "encoder.layers.1": (8,),
+    "encoder.layers.3.convolution": (8, 10, 3, 3),
+    "encoder.layers.4": (8,),
+    "encoder.layers.6.convolution": (16, 10, 3, 3),
+    "encoder.layers.7": (16,),
+}
+_LAYERS: Final = {
+    "discrete": {"body.2": (128, 128), "q_head": (DiscreteActionSpace.NUM_ACTIONS, 128)},
+    "continuous": {
+        "body.2": (128, 256),
+        "policy_head.0.0": (128, 128),
+        "policy_head.1": (2 * ContinuousActionSpace.DIMENSION, 128),
+        "value_head.0.0": (64, 128),
+        "value_head.1": (1, 64),
+    },
+}
+
+
+def weight_shapes(action_space: ActionSpaceName, observation: Observation) -> dict[str, tuple[int, ...]]:
+    """Shapes of the weights of a network, by their names in PyTorch's state dict."""
+    is_image = observation.encoder == "label_image"
+    layers = dict(_LAYERS[action_space])
+    num_features = 256 if is_image else observation.shape[0]
+    layers["body.0"] = (layers["body.2"][1], num_features + 1)  # and the state of the gripper
+    if is_image:
+        layers |= _ENCODER
+    return {
+        f"{layer}.{name}": shape
+        for layer, weight in layers.items()
+        for name, shape in (("weight", weight), ("bias", weight[:1]))
+    }
 
 
 def axis_coordinates(size: int) -> Array:

@@ -12,9 +12,17 @@ import torch
 from torch import nn
 
 from visualrhp.errors import ConfigError
-from visualrhp.heuristics.checkpoint import StoredNetwork, other_architecture, read_network, write_network
+from visualrhp.heuristics.checkpoint import (
+    StoredNetwork,
+    check_outputs,
+    other_architecture,
+    read_network,
+    require_finite,
+    write_network,
+)
 from visualrhp.heuristics.learned import DEFAULT_TEMPERATURE, LearnedHeuristic
 from visualrhp.heuristics.networks import ActorCritic, QNetwork, make_network
+from visualrhp.observation import Observation
 from visualrhp.types import ActionSpaceName
 
 
@@ -24,8 +32,14 @@ def weights_of(network: nn.Module) -> dict[str, npt.NDArray[Any]]:
 
 
 def heuristic_of(network: QNetwork | ActorCritic, temperature: float = DEFAULT_TEMPERATURE) -> LearnedHeuristic:
-    """Make a heuristic with a copy of the current weights of ``network``."""
-    return LearnedHeuristic(weights_of(network), network.action_space, network.observation, temperature)
+    """Make a heuristic with a copy of the current weights of ``network``.
+
+    Raises:
+        LearningError: a weight is not finite: the training diverged.
+    """
+    weights = weights_of(network)
+    require_finite(weights)
+    return LearnedHeuristic(weights, network.action_space, network.observation, temperature)
 
 
 def save_heuristic(
@@ -35,20 +49,25 @@ def save_heuristic(
 
     Args:
         card: origin of the network (config, seed, commit, data hash, metrics); JSON values only.
+
+    Raises:
+        LearningError: a weight is not finite.
     """
     write_network(path, StoredNetwork(weights_of(network), network.action_space, network.observation, card or {}))
 
 
 def load_network(
-    path: str | os.PathLike[str], expect_action_space: ActionSpaceName | None = None
+    path: str | os.PathLike[str],
+    expect_action_space: ActionSpaceName | None = None,
+    expect_observation: Observation | None = None,
 ) -> tuple[QNetwork | ActorCritic, Mapping[str, Any]]:
     """Load the network in a file, and its card.
 
     Raises:
-        CheckpointError: the file is missing or damaged, is not a trained heuristic, or has another action space than
-            expected or another architecture than in this version.
+        CheckpointError: as :func:`visualrhp.heuristics.checkpoint.read_network`.
     """
-    stored = read_network(path, expect_action_space)
+    stored = read_network(path, expect_action_space, expect_observation)
+    check_outputs(path, LearnedHeuristic(stored.weights, stored.action_space, stored.observation))
     network = make_network(stored.action_space, stored.observation)
     try:
         network.load_state_dict({name: torch.from_numpy(values) for name, values in stored.weights.items()})

@@ -99,15 +99,21 @@ class InferenceNetwork:
         return outputs[0] if len(outputs) == 1 else tuple(map(np.concatenate, zip(*outputs, strict=True)))
 
     def check(self, observation: Observation) -> None:
-        """Check that the weights match, by evaluating an empty observation.
+        """Check that the weights match, by evaluating two observations, of zeros and of ones.
 
         Raises:
-            ValueError: they do not match, or the number of outputs is not that of the action space.
+            ValueError: they do not match, the number of outputs is not that of the action space, or an output is not
+                finite.
         """
-        outputs = self(np.zeros((1, *observation.shape), observation.dtype), np.zeros(1, np.bool_))
+        observations = np.zeros((2, *observation.shape), observation.dtype)
+        observations[1] = 1
+        with np.errstate(all="ignore"):
+            outputs = self(observations, np.array([False, True]))
         found = tuple(output.shape[1:] for output in outputs)
         if found != _OUTPUTS[self.action_space]:
             raise ValueError(f"its outputs have the shapes {found}, not {_OUTPUTS[self.action_space]}")
+        if not all(np.isfinite(output).all() for output in outputs):
+            raise ValueError("its outputs are not finite, since its weights are too large")
 
     def _evaluate(self, observations: npt.NDArray, gripper_closed: npt.NDArray[np.bool_]) -> tuple[Array, ...]:
         encoded = observations if self.encoder is None else self.encoder(observations)

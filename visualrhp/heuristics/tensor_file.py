@@ -15,13 +15,25 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save
 
+from visualrhp.documents import FileKind, brief, conform, document, parse_json
 from visualrhp.errors import CheckpointError
 from visualrhp.files import atomic_path
 
+CHECKPOINT = FileKind("a checkpoint (a safetensors file)", "make it again", CheckpointError)
+"""A tensor file of any use; its users have kinds of their own, which say what to do about a damaged one."""
+
 _HEADER_KEY = "visualrhp"
+
+
+@document
+class _Header:
+    """The metadata of a file: the document as text, and a checksum of it and of the arrays."""
+
+    checksum: int
+    document: str
 
 
 def write_tensor_file(
@@ -41,32 +53,38 @@ def write_tensor_file(
         temporary.write_bytes(content)
 
 
-def read_tensor_file(path: str | os.PathLike[str]) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
+def read_tensor_file(
+    path: str | os.PathLike[str], kind: FileKind = CHECKPOINT
+) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
     """Read back the arrays and the document of :func:`write_tensor_file`.
+
+    Args:
+        path: of the file.
+        kind: of the file, for the messages.
 
     Raises:
         CheckpointError: the file is missing or damaged (every bit is checked), or was not written by
-            :func:`write_tensor_file`.
+            :func:`write_tensor_file`. Its class is that of ``kind``.
     """
     path = Path(path)
-    if not path.is_file():
-        raise CheckpointError(f"{path} does not exist; it should be a checkpoint (a safetensors file)")
+    kind.require(path)
     try:
         with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
             arrays = {name: np.array(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        raise CheckpointError(f"{path} is damaged: it is not a readable safetensors file ({error})") from error
+    except Exception as error:  # the parser of the library meets bytes of any origin
+        raise kind.damaged(path, f"it is not a readable safetensors file ({brief(error)})") from error
     if _HEADER_KEY not in metadata:
-        raise CheckpointError(f"{path} is damaged or not a file of visualrhp: its header has no {_HEADER_KEY!r} entry")
+        raise kind.unusable(path, f"is damaged or not a file of visualrhp: its header has no {_HEADER_KEY!r} entry")
     try:
-        header = json.loads(metadata[_HEADER_KEY])
-        checksum, text = header["checksum"], header["document"]
-        document = json.loads(text)
-    except (ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{path} is damaged: the document in its header was altered") from error
-    if checksum != _checksum(arrays, text):
-        raise CheckpointError(f"{path} is damaged: the checksum of its content is not the one in its header")
+        header: _Header = conform(_Header, parse_json(metadata[_HEADER_KEY]))
+        document = parse_json(header.document)
+    except ValueError as error:
+        raise kind.damaged(path, f"the document in its header was altered ({brief(error)})") from error
+    if not isinstance(document, dict):
+        raise kind.damaged(path, "the document in its header is not a group of keys (a JSON object)")
+    if header.checksum != _checksum(arrays, header.document):
+        raise kind.damaged(path, "the checksum of its content is not the one in its header")
     return arrays, document
 
 

@@ -24,8 +24,6 @@ array               dtype       shape         content
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,7 +33,8 @@ import numpy as np
 import numpy.typing as npt
 
 from visualrhp.demonstrations.returns import monte_carlo_returns
-from visualrhp.errors import DataError
+from visualrhp.demonstrations.shards import read_arrays
+from visualrhp.documents import FileKind
 from visualrhp.execution.episode import EpisodeResult, run_task
 from visualrhp.files import atomic_path
 from visualrhp.observation import Observation
@@ -62,6 +61,12 @@ PAIR_ARRAYS = (
     "is_valued",
 )
 """The arrays with one row per pair."""
+
+_PAIR_KINDS = dict(zip(PAIR_ARRAYS, ("fu", "b", "fi", "f", "i", "i", "b", "b"), strict=True))
+_EPISODE_KINDS = {"num_objects": "i", "success": "b", "dropped": "b", "num_actions": "i", "is_greedy": "b"}
+"""The arrays with a row per pair, and with a row per episode: letters of the kinds of their types."""
+
+BLOCK = FileKind("a block of episodes (an npz file)", "delete it, and rerun the command to run these episodes again")
 
 
 @dataclass(frozen=True)
@@ -214,10 +219,24 @@ def read_block(path: Path) -> Arrays:
     """Read a file of :func:`write_block`.
 
     Raises:
-        DataError: the file is missing or damaged.
+        DataError: the file is missing or damaged, or holds other arrays.
     """
+    block = read_arrays(path, BLOCK)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise DataError(f"{path} is damaged: it is not a readable block of episodes ({error}); delete it") from error
+        _check_block(block)
+    except ValueError as error:
+        raise BLOCK.damaged(path, error) from error
+    return block
+
+
+def _check_block(block: Arrays) -> None:
+    for name, kinds in (_PAIR_KINDS | _EPISODE_KINDS).items():
+        if name not in block:
+            raise ValueError(f"the array {name} is missing")
+        if block[name].dtype.kind not in kinds or not block[name].ndim:
+            raise ValueError(f"{name} is {block[name].dtype} of shape {list(block[name].shape)}")
+    for names in (_PAIR_KINDS, _EPISODE_KINDS):
+        if len(lengths := {len(block[name]) for name in names}) > 1:
+            raise ValueError(f"the arrays {', '.join(names)} have different lengths ({sorted(lengths)})")
+    if not all(np.isfinite(block[name]).all() for name in ("observation", "action", "returns")):
+        raise ValueError("an observation, an action or a return is not finite")

@@ -7,8 +7,8 @@ next look-ahead.
 
 from __future__ import annotations
 
-import json
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from visualrhp.heuristics.conversion import load_network, save_heuristic
 from visualrhp.heuristics.networks import ActorCritic, QNetwork
 from visualrhp.learning.configs import ExpertIterationConfig
 from visualrhp.learning.expert_episodes import PAIR_ARRAYS, Arrays, read_block, score, write_block
+from visualrhp.learning.history import RoundHistory, read_history
 from visualrhp.learning.imitation import ImitationLearner
 from visualrhp.learning.imitation_data import ImitationData
 from visualrhp.observation import Observation
@@ -64,6 +65,9 @@ class ExpertIteration:
 
     Attributes:
         history: one row of metrics per round. Round 0 is the validation of the initial network.
+
+    Raises:
+        DataError: the history in ``folder`` is damaged.
     """
 
     def __init__(
@@ -87,13 +91,14 @@ class ExpertIteration:
         self._evaluate = evaluate
         self._device = device
         folder.mkdir(parents=True, exist_ok=True)
-        if self._history_file.is_file():
-            self.history = json.loads(self._history_file.read_text(encoding="utf-8"))
+        if os.path.lexists(self._history_file):
+            self.history = read_history(self._history_file, RoundHistory)
 
     def run(self) -> Iterator[Metrics]:
         """Run the rounds that are missing; yield the rows of all rounds.
 
         Raises:
+            CheckpointError: the network of a round, or the state of an imitation, is missing or damaged.
             DataError: the episodes of a round have no actions, or a block is damaged.
             LearningError: the imitation diverged.
         """
@@ -111,7 +116,7 @@ class ExpertIteration:
     @property
     def best_round(self) -> int:
         """The round with the best network; 0 for the initial one."""
-        return max(int(row["round"]) for row in self.history if row["validation/kept"])
+        return max((int(row["round"]) for row in self.history if row["validation/kept"]), default=0)
 
     @property
     def best_score(self) -> float:
@@ -141,7 +146,7 @@ class ExpertIteration:
     def _run_round(self, round_: int) -> Metrics:
         folder, blocks = self._round_folder(round_), self._blocks(round_)
         folder.mkdir(exist_ok=True)
-        missing = [block for block in blocks if not self._block_file(round_, block).is_file()]
+        missing = [block for block in blocks if not os.path.lexists(self._block_file(round_, block))]
         max_objects = self.config.max_objects_in(round_)
         for block, arrays in self._collect(self.network_file(round_ - 1), max_objects, missing):
             write_block(self._block_file(round_, block), arrays)
@@ -157,7 +162,7 @@ class ExpertIteration:
         data = data_of_blocks((read_block(file) for file in files), network.observation)
         learner = ImitationLearner(network, data, self.config.imitation, search_seed(self._seed, round_))
         state = self._round_folder(round_) / "imitation.safetensors"
-        if state.is_file():
+        if os.path.lexists(state):
             learner.load(state)
         for _ in learner.run():
             learner.save(state)

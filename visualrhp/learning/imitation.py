@@ -18,6 +18,7 @@ from torch import nn
 from visualrhp.errors import ConfigError, LearningError
 from visualrhp.heuristics.networks import ActorCritic, QNetwork
 from visualrhp.learning.configs import ActorCriticImitationConfig, QImitationConfig
+from visualrhp.learning.history import ImitationProgress
 from visualrhp.learning.imitation_data import ImitationBatch, ImitationData
 from visualrhp.learning.imitation_losses import actor_critic_imitation_loss, q_imitation_loss, value_margin
 from visualrhp.learning.training_state import load_training_state, save_training_state
@@ -107,9 +108,10 @@ class ImitationLearner:
         """Resume from a file of :meth:`save`.
 
         Raises:
-            CheckpointError: the file is missing or damaged, or was written by another training.
+            CheckpointError: the file is missing or damaged, or was written by another training; the message says
+                what to delete.
         """
-        values = load_training_state(path, self._parts())
+        values = load_training_state(path, self._parts(), ImitationProgress)
         self.epoch, self.history = values["epoch"], values["history"]
 
     def _parts(self) -> dict[str, Any]:

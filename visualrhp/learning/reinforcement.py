@@ -15,8 +15,9 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
 
-from visualrhp.errors import ConfigError, LearningError
-from visualrhp.learning.training_state import load_training_state, save_training_state
+from visualrhp.errors import CheckpointError, ConfigError, LearningError
+from visualrhp.learning.history import ReinforcementProgress
+from visualrhp.learning.training_state import MISFITS, load_training_state, misfit, save_training_state
 from visualrhp.types import Metrics
 
 if "RL_LOGGING_LEVEL" not in os.environ:  # by default, torchrl reports every new storage on stderr
@@ -119,7 +120,19 @@ class Collector:
         }
 
     def restore(self, snapshot: Mapping[str, torch.Tensor]) -> None:
-        """Resume from a snapshot."""
+        """Resume from a snapshot.
+
+        Raises:
+            CheckpointError, KeyError: it does not fit the environment.
+        """
+        for name, own in (("returns", self._returns), ("num_transitions", torch.tensor(0))):
+            found = snapshot[name]
+            if found.shape != own.shape or found.dtype != own.dtype:
+                raise CheckpointError(
+                    f"{name} of the collection is {found.dtype} {list(found.shape)}, not {own.dtype} {list(own.shape)}"
+                )
+        if snapshot["num_transitions"] < 0:
+            raise CheckpointError(f"the collection has made {int(snapshot['num_transitions'])} transitions")
         self._returns = snapshot["returns"].clone()
         self.num_transitions = int(snapshot["num_transitions"])
         self._current = self.env.restore(snapshot) if self.num_transitions else None
@@ -242,18 +255,22 @@ class ReinforcementLearner(ABC):
         """Resume from a file of :meth:`save`.
 
         Raises:
-            CheckpointError: the file is missing or damaged, or was written by another training.
+            CheckpointError: the file is missing or damaged, or was written by another training; the message says what
+                to delete.
         """
-        values = load_training_state(path, self._all_parts())
+        values = load_training_state(path, self._all_parts(), ReinforcementProgress)
         prefix = "collector."
-        self.collector.restore(
-            {name.removeprefix(prefix): tensor for name, tensor in values.items() if name.startswith(prefix)}
-        )
-        self.iteration = values["iteration"]
-        self.best_iteration = values["best_iteration"]
-        self._best_score = values["best_score"]
-        self.history = values["history"]
-        self._restore_values(values)
+        try:
+            self.collector.restore(
+                {name.removeprefix(prefix): tensor for name, tensor in values.items() if name.startswith(prefix)}
+            )
+            self.iteration = values["iteration"]
+            self.best_iteration = values["best_iteration"]
+            self._best_score = values["best_score"]
+            self.history = values["history"]
+            self._restore_values(values)
+        except MISFITS as error:
+            raise misfit(path, error) from error
 
     def _all_parts(self) -> dict[str, Any]:
         return {"network": self.network, "best_network": self.best_network, **self._parts()}

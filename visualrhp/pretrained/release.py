@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Final, Literal, get_args
 
 from visualrhp.errors import ConfigError
 from visualrhp.heuristics.checkpoint import load_heuristic
 from visualrhp.heuristics.learned import DEFAULT_TEMPERATURE, LearnedHeuristic
-from visualrhp.observation import observation_class
+from visualrhp.observation import make_observation, observation_class
 from visualrhp.types import ActionSpaceName
 
 Procedure = Literal["best", "paper"]
@@ -35,9 +36,12 @@ def load_pretrained(
 
     Raises:
         CheckpointError: the file is damaged.
-        ConfigError: there is no such network.
+        ConfigError: there is no such network, or the temperature is not positive.
     """
-    return load_heuristic(pretrained_path(action_space, observation, num_objects, procedure), action_space, temperature)
+    path = pretrained_path(action_space, observation, num_objects, procedure)
+    fixes_num_objects = observation_class(observation).fixes_num_objects
+    expected = make_observation(observation, num_objects if fixes_num_objects else None)
+    return load_heuristic(path, action_space, temperature, expected)
 
 
 def pretrained_folder(procedure: Procedure = "best") -> Path:
@@ -68,7 +72,7 @@ def pretrained_path(
             raise ConfigError(f"num_objects is missing: every number of objects has its own {observation} network")
         suffix = f"_m{num_objects}"
     path = folder / action_space / observation / f"heuristic{suffix}.safetensors"
-    if not path.is_file():
+    if not os.path.lexists(path):
         known = sorted(str(file.relative_to(folder).with_suffix("")) for file in folder.rglob("*.safetensors"))
         raise ConfigError(
             f"there is no released network {path.relative_to(folder).with_suffix('')} of the procedure {procedure!r}; "

@@ -49,7 +49,7 @@ def test_an_artefact_of_the_same_stage_is_replaced(tmp_path: Path, artefact: Pat
     assert not new.exists()
     assert [path.name for path in artefact.parent.iterdir()] == ["evaluate"]
     mark = read_mark(artefact)
-    assert mark is not None and (mark["stage"], list(mark["files"])) == ("evaluate", ["result.txt"])
+    assert mark is not None and (mark.stage, list(mark.files)) == ("evaluate", ["result.txt"])
 
 
 def test_the_mark_is_a_function_of_the_content(tmp_path: Path, artefact: Path) -> None:

@@ -11,9 +11,16 @@ import pytest
 from filelock import FileLock
 
 from pipelines.config import TrainILConfig
-from pipelines.workflow import workspace
 from pipelines.workflow.app import compose
-from pipelines.workflow.workspace import RUNS_SUFFIX, discard, is_locked, locked, open_work, work_folder
+from pipelines.workflow.workspace import (
+    RUNS_SUFFIX,
+    discard,
+    discarded_folder,
+    is_locked,
+    locked,
+    open_work,
+    work_folder,
+)
 from visualrhp.errors import StorageError
 
 
@@ -82,11 +89,11 @@ def test_half_written_files_are_removed_at_the_start(repository: Path) -> None:
     for path in litter:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("half")
-    workspace._discarded(folder).mkdir()
+    discarded_folder(folder).mkdir()
     with open_work(configure(), "train_il") as work:
         assert work == folder
         assert not any(path.exists() for path in litter)
-        assert not workspace._discarded(folder).exists()
+        assert not discarded_folder(folder).exists()
 
 
 def test_two_processes_do_not_work_in_one_folder(repository: Path) -> None:
