@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
 from pipelines.config.common import PipelineConfig
@@ -79,6 +80,11 @@ class ExportDemosConfig(PipelineConfig):
             raise ValueError(
                 f"num_objects is missing: {self.observation.name.capitalize()} features need one number of objects, "
                 "such as num_objects=4."
+            )
+        if not re.fullmatch(r"([\w-]+/)*[\w-]+-v\d+", self.dataset_id, flags=re.ASCII) or len(self.dataset_id) > 120:
+            raise ValueError(
+                f"dataset_id={self.dataset_id} is not a name of a Minari data set: it should be like clutter/demos-v0, "
+                "of letters, digits, dashes and underscores, and end with a version."
             )
 
 

@@ -86,6 +86,12 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("play", ["paths.outputs=' '"], "paths.outputs is empty"),
         ("play", ["paths.artefact=''"], "paths.artefact is empty"),
         ("train_il", ["device=cuda:99"], "device=cuda:99"),
+        (
+            "export_demos",
+            ["dataset_id=../../thesis-v0"],
+            "dataset_id=../../thesis-v0 is not a name of a Minari data set",
+        ),
+        ("export_demos", ["dataset_id=demos"], "dataset_id=demos is not a name of a Minari data set"),
         ("report", [f"seed={'x' * 5000}"], "seed=xxx"),
         ("report", ["executor=dask"], "executor.address is missing"),
         ("report", ["paths.artefact=???"], "paths.artefact"),
