@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 _WORK_TAG = "visualrhp.work"
 """Tag of a run: the work folder of its stage, relative to the outputs. Its lock shows whether the stage is running."""
 
+_UNFINISHED_UPLOADS = ".artifact.uploading.*"
+"""Names that MLflow gives to files while it copies them."""
 _MAX_PARAM_LENGTH = 6000
 _BATCH = 100
 
@@ -166,6 +168,7 @@ class _Tracker:
             self._remember(path, run_id)
         else:
             self.client.update_run(run_id, status="RUNNING")
+            self._remove_unfinished_uploads(run_id)
         run = _MlflowRun(self, path, run_id, _recorded_steps(self.client, run_id) if resumed else {})
         _log_params(self.client, run_id, params)
         monitor = self._monitor(run_id, resumed) if parent is None and self.system_metrics else contextlib.nullcontext()
@@ -179,6 +182,13 @@ class _Tracker:
             raise
         finally:
             self.client.set_terminated(run_id, status)
+
+    def _remove_unfinished_uploads(self, run_id: str) -> None:
+        """Remove the files that MLflow had copied in part when it was killed."""
+        from pipelines.workflow.tracking_database import ARTIFACTS
+
+        for path in (self._outputs / ARTIFACTS / run_id).rglob(_UNFINISHED_UPLOADS):
+            path.unlink()
 
     def _tags(self, parent: _MlflowRun | None) -> dict[str, str]:
         tags = {

@@ -235,20 +235,20 @@ def torture(stage: Stage, inputs: Path, folder: Path, num_kills: int, rng: rando
     expected = contents(whole / stage.artefact)
     while tally.kills < num_kills:
         outputs = folder / f"interrupted{tally.completions}"
-        done = False
-        while not done and tally.kills < num_kills:
+        is_complete, was_killed = False, False
+        while not is_complete and tally.kills < num_kills:
             if rng.random() < 0.5:
-                done = execute(command(stage, inputs, outputs), rng.uniform(0.2, 1.0) * seconds)
+                was_killed = not execute(command(stage, inputs, outputs), rng.uniform(0.2, 1.0) * seconds)
             else:
-                done = execute(command(stage, inputs, outputs, rng.randint(1, operations)))
-            if not done:
-                tally.kills += 1
-                done = is_done(stage, outputs)
-        if not done:
-            execute(command(stage, inputs, outputs))
+                was_killed = not execute(command(stage, inputs, outputs, rng.randint(1, operations)))
+            tally.kills += was_killed
+            is_complete = not was_killed or is_done(stage, outputs)
+        if not is_complete:
+            was_killed = not execute(command(stage, inputs, outputs))
         tally.completions += 1
         tally.differences += differences(expected, contents(outputs / stage.artefact))
-        tally.differences += leftovers(outputs)
+        if not was_killed:  # the next start removes what a kill leaves
+            tally.differences += leftovers(outputs)
         if stage.is_tracked:
             tally.differences += faults_of_runs(outputs, whole)
     tally.seconds = time.perf_counter() - begun

@@ -196,3 +196,13 @@ def test_damaged_ids_are_named(configure: Callable[..., TrainILConfig], work: Pa
             open_run(configure(), "train_il", "damaged", work),
         ):
             pass
+
+
+def test_half_copied_files_are_removed(configure: Callable[..., TrainILConfig], outputs: Path, work: Path) -> None:
+    run_id = kill(configure(), work, {}, 0)
+    half = outputs / "mlruns" / run_id / "artifacts" / "videos" / ".artifact.uploading.ab12cd"
+    half.parent.mkdir(parents=True)
+    half.write_text("half")
+    with open_run(configure(), "train_il", "killed", work) as run:
+        assert run.id == run_id
+        assert not half.exists()
