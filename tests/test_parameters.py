@@ -7,6 +7,8 @@ from dataclasses import FrozenInstanceError, asdict, replace
 from typing import Annotated, Any, Literal
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from visualrhp.errors import ConfigError
 from visualrhp.parameters import AsRange, AsTuple, Count, Field, Fraction, Positive, parameters, validated
@@ -151,3 +153,63 @@ def test_a_long_value_is_shortened() -> None:
     with pytest.raises(ConfigError) as caught:
         validated(Home, CONTENT | {"heated": "x" * 100_000})
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        CONTENT | {f"key{number}": 1 for number in range(10_000)},
+        CONTENT | {"k" * 100_000: 1},
+        CONTENT | {"garden": "x" * 100_000},
+        CONTENT | {"rent": 10**5000},
+        CONTENT | {"rent": -(10**400)},
+        CONTENT | {"size": list(range(100_000))},
+        CONTENT | {"notes": {1, 2}},
+        CONTENT | {"notes": {(1, 2): 3}},
+        CONTENT | {"pet": {"kind": ["x" * 5000]}},
+        CONTENT | {"heated": "\ud800"},
+        [CONTENT],
+        None,
+        "text" * 1000,
+    ],
+    ids=range(13),
+)
+def test_any_content_is_refused_in_a_short_sentence(content: Any) -> None:
+    with pytest.raises(ConfigError) as caught:
+        validated(Home, content)
+    assert 10 < len(str(caught.value)) < 2000
+
+
+def test_content_that_contains_itself_is_refused() -> None:
+    content = dict(CONTENT)
+    content["notes"] = content
+    with pytest.raises(ConfigError, match="no plain value"):
+        validated(Home, content)
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just("cat"),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["pet", "kind", "lives", "names", "rooms", "notes", "a"]), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.sampled_from([*CONTENT, "home", "x"]), plain, max_size=4))
+def test_any_change_is_accepted_or_refused(changes: dict[str, Any]) -> None:
+    for attempt in (
+        lambda: validated(Home, CONTENT | changes),
+        lambda: validated(Street, {"home": CONTENT | changes}),
+        lambda: validated(Home, changes),
+        lambda: Cat(**changes),
+        lambda: Dog(**changes),
+        lambda: Home(**changes),
+    ):
+        message = "no fault was found"
+        try:
+            attempt()
+        except ConfigError as error:
+            message = str(error)
+        assert 10 < len(message) < 2000

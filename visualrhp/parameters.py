@@ -42,6 +42,7 @@ Count = Annotated[int, Field(ge=1)]
 Index = Annotated[int, Field(ge=0)]
 
 _MOST_SHOWN = 60
+_LONGEST = 1900
 _Key = tuple[int | str, ...]
 
 
@@ -99,6 +100,11 @@ def validated(schema: Any, content: Any) -> Any:
         value = _adapter(schema).validate_json(json.dumps(content))
     except ValidationError as error:
         raise ConfigError(_sentence(error, schema, content)) from error
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(
+            f"The configuration holds something that is no plain value ({error!s:.200}): it should consist of groups "
+            "of keys, lists, numbers, strings, true, false and null."
+        ) from error
     missing = _missing_key(value, content, ())
     if missing is not None:
         raise ConfigError(f"The key {missing} is missing: it should be {_describe_at(schema, missing.split('.'))}.")
@@ -114,7 +120,7 @@ def one_of(options: Iterable[object]) -> str:
 def suggestion(name: str, options: Iterable[str]) -> str:
     """A sentence that names the closest of ``options``, or lists them all when none is close."""
     options = sorted(options)
-    close = difflib.get_close_matches(name, options, n=1)
+    close = difflib.get_close_matches(name[:_MOST_SHOWN], options, n=1)
     return f"Did you mean {close[0]}?" if close else f"Choose from {', '.join(options) or 'nothing'}."
 
 
@@ -130,7 +136,12 @@ def _named(schema: type, args: Sequence[Any], kwargs: Mapping[str, Any]) -> dict
 
 
 def _sentence(error: ValidationError, schema: Any, content: Any) -> str:
-    """A sentence on the first error: the key, the problem, and the expected value."""
+    """A sentence on the first error: the key, the problem, and the expected value; at most 1,900 characters."""
+    sentence = _whole_sentence(error, schema, content)
+    return sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST - 200]} ... {sentence[-190:]}"
+
+
+def _whole_sentence(error: ValidationError, schema: Any, content: Any) -> str:
     detail = error.errors(include_url=False)[0]
     location = detail["loc"]
     if location and isinstance(location[0], int) and dataclasses.is_dataclass(schema):  # a positional argument
@@ -216,7 +227,10 @@ def _join(key: Iterable[int | str]) -> str:
 
 def show(content: Any) -> str:
     """Format a value for a message."""
-    text = "null" if content is None else str(list(content)) if isinstance(content, tuple) else str(content)
+    try:
+        text = "null" if content is None else str(list(content)) if isinstance(content, tuple) else str(content)
+    except ValueError:  # an integer of thousands of digits
+        text = "a very large number"
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 3]}..."
 
 

@@ -349,7 +349,7 @@ def test_a_step_after_the_end_is_said_once():
 
 @pytest.mark.parametrize("num_workers", [0, 1])
 def test_a_distribution_that_cannot_be_drawn_leaves_nothing_behind(num_workers):
-    env = BatchedClutterEnv(SceneDistribution(target_radius=5.0), "discrete", num_envs=2, num_workers=num_workers)
+    env = BatchedClutterEnv(SceneDistribution(target_radius=0.66), "discrete", num_envs=2, num_workers=num_workers)
     with pytest.raises(ConfigError, match="target_radius"):
         env.reset()
     with pytest.raises(ActionError, match="call reset first"):

@@ -28,7 +28,8 @@ FAR_OPEN = 7
 @pytest.mark.parametrize(("observation", "num_objects"), [("image", (1, 7)), ("image", 2), ("cartesian", 3)])
 def test_follows_the_gymnasium_api(action_space, observation, num_objects):
     arguments = {"action_space": action_space, "observation": observation, "num_objects": num_objects}
-    made = gymnasium.make(ENVIRONMENT, **arguments, object_size="small", render_mode="rgb_array", disable_env_checker=False)
+    options = {"object_size": "small", "render_mode": "rgb_array", "disable_env_checker": False}
+    made = gymnasium.make(ENVIRONMENT, **arguments, **options)
     check_env(made.unwrapped)
     check_env(ClutterManipulation(**arguments), skip_render_check=True)  # which needs what gymnasium.make adds
     made.reset(seed=0)

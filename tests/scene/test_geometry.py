@@ -62,3 +62,55 @@ def test_contains_in_a_polygon_that_is_not_convex() -> None:
     assert geometry.contains(notch, 0.5, 1.0)
     assert not geometry.contains(notch, 2.0, 2.0)
     assert not geometry.contains(notch, -0.1, 1.0)
+
+
+def c_shape(count: int, outer: float = 0.009, inner: float = 0.0045, gap: float = 1.4) -> np.ndarray:
+    """A C of 18 mm with round ends and ``count`` vertices at equal distances."""
+    turn = np.linspace(gap / 2, 2 * np.pi - gap / 2, 4 * count)
+    middle, half, round_end = (outer + inner) / 2, (outer - inner) / 2, np.linspace(0, np.pi, 2 * count)[1:-1]
+
+    def end(angle: float, sign: float) -> np.ndarray:
+        out, along = np.array([np.cos(angle), np.sin(angle)]), sign * np.array([-np.sin(angle), np.cos(angle)])
+        return middle * out + half * (np.cos(round_end)[:, None] * out + np.sin(round_end)[:, None] * along)
+
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    border = [outer * circle, end(2 * np.pi - gap / 2, 1.0), inner * circle[::-1], end(gap / 2, -1.0)[::-1]]
+    points = np.concatenate(border)
+    closed = np.concatenate([points, points[:1]])
+    places = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+    wanted = np.arange(count) / count * places[-1]
+    return np.stack([np.interp(wanted, places, closed[:, axis]) for axis in (0, 1)], axis=1)
+
+
+@pytest.mark.parametrize("count", [40, 150, 1000, 6000, 30_000])
+@pytest.mark.parametrize("scale", [1.0, 10.0, 0.5])
+def test_convexity_does_not_depend_on_the_number_of_vertices_or_the_size(count: int, scale: float) -> None:
+    assert not geometry.is_convex(scale * c_shape(count))
+    assert geometry.is_convex(scale * regular_polygon(count, 0.01))
+
+
+def test_a_dent_within_rounding_is_convex() -> None:
+    turned = UNIT_SQUARE[[0, 1, 1, 2, 3]] @ geometry.rotation_matrix(0.3).T
+    turned[2] = 0.5 * (turned[1] + turned[3])
+    for dent, is_convex in ((1e-17, True), (1e-11, True), (1e-8, False)):
+        bent = turned.copy()
+        bent[2] -= dent * (turned[2] - turned.mean(axis=0))
+        assert geometry.is_convex(bent) is is_convex, dent
+
+
+@pytest.mark.parametrize("count", [513, 1500, 4001])
+def test_widths_of_many_vertices_are_those_of_few(count: int) -> None:
+    """An ellipse: its least and its largest width are its axes."""
+    ellipse = regular_polygon(count, 0.05) * (1.0, 0.4) @ geometry.rotation_matrix(0.7).T
+    assert geometry.width_range(ellipse) == pytest.approx((0.04, 0.1), rel=1e-4)
+    edges = np.roll(ellipse, -1, axis=0) - ellipse
+    heights = np.stack([-edges[:, 1], edges[:, 0]], axis=1) @ ellipse.T
+    exact = ((heights.max(axis=1) - heights.diagonal()) / np.hypot(*edges.T)).min()
+    assert geometry.least_width(ellipse) == pytest.approx(exact, rel=1e-9)
+
+
+def test_many_points_are_contained_as_one() -> None:
+    notch = np.array([[0, 0], [4, 0], [4, 4], [2, 1], [0, 4]], dtype=float)
+    points = np.concatenate([np.random.default_rng(0).uniform(-1, 5, (300, 2)), notch, [[2.0, 0.0], [0.0, 2.0]]])
+    expected = [geometry.contains(notch, x, y) for x, y in points.tolist()]
+    assert geometry.contains_each(notch, points).tolist() == expected and 50 < sum(expected) < 250

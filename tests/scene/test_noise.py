@@ -27,6 +27,7 @@ from visualrhp.types import Column, State, wrap_angle
 HEXAGON = 0.03 * np.stack([np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)], axis=1)
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
 U_SHAPE = [[0, 0], [0.08, 0], [0.08, 0.06], [0.06, 0.06], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
+STAR = [[np.cos(a) * r, np.sin(a) * r] for a, r in zip(np.arange(60) * np.pi / 30, 30 * [0.05, 0.049], strict=True)]
 SHAPES = {"convex": HEXAGON, "L": L_SHAPE, "U": U_SHAPE}
 LEVELS = [0.01, 0.03, 0.05]
 DRAWS = 900
@@ -132,6 +133,25 @@ def test_no_noise_is_the_same_scene_and_a_seed_is_the_same_noise(scene: Scene) -
     for level in (-0.1, np.nan, np.inf):
         with pytest.raises(SceneError, match="negative"):
             perturb(scene, level, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("level", [None, "0.1", True, 1e6, [0.1]])
+def test_what_is_no_level(scene: Scene, level: object) -> None:
+    with pytest.raises(SceneError, match="standard deviation of the noise is"):
+        perturb(scene, level, np.random.default_rng(0))
+
+
+def test_noise_that_leaves_no_outline_ends() -> None:
+    """Hundreds of vertices, each at another distance, make a rough outline whatever the sample."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 900, endpoint=False)
+    dense = ((0.045 + 0.012 * np.cos(3 * angles)) * np.array([np.cos(angles), np.sin(angles)])).T
+    scene = Scene(TargetRegion([0.0, 0.0]), (ObjectShape.centred(dense),))
+    with pytest.raises(
+        SceneError, match=r"deviation 0.05 leaves no valid outline .* 900 vertices; reduce their number"
+    ):
+        perturb(scene, 0.05, np.random.default_rng(0))
+    with pytest.raises(SceneError, match="no valid outline"):
+        perturb(Scene(TargetRegion([0.0, 0.0]), (ObjectShape.centred(STAR),)), 5.0, np.random.default_rng(0))
 
 
 # ------------------------------------------------------------------------- how the surface resists turning, and poses

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from visualrhp.errors import SceneError
-from visualrhp.scene import ObjectShape, Scene, TargetRegion, TaskInstance
+from visualrhp.scene import Gripper, ObjectShape, Scene, TargetRegion, TaskInstance
 from visualrhp.types import State
 
 BOX = [[-0.02, -0.01], [0.02, -0.01], [0.02, 0.01], [-0.02, 0.01]]
@@ -85,7 +89,62 @@ def test_instance_errors(start: list[float], opening: float, message: str) -> No
         TaskInstance(scene, State([*start, opening, 0.0, 0.1, 0.0, 0.0]))
 
 
+@pytest.mark.parametrize("value", [None, "1", True, [1.0], np.nan, np.inf, -1.0, 1j, 10**400, np.zeros(2)], ids=str)
+def test_what_is_no_positive_number(value: object) -> None:
+    for make in (
+        lambda: ObjectShape(BOX, density=value),
+        lambda: ObjectShape(BOX, friction=value),
+        lambda: TargetRegion([0.0, 0.0], value),
+        lambda: Gripper(stroke=value),
+        lambda: Gripper(palm_length=value),
+    ):
+        with pytest.raises(SceneError, match="positive") as caught:
+            make()
+        assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "value", [None, "a", {"x": 1}, [[0, 0], [1]], [["0", "0"], ["1", "0"], ["0", "1"]], [True] * 3]
+)
+def test_what_is_no_array_of_numbers(value: object) -> None:
+    target, box = TargetRegion([0.0, 0.0]), ObjectShape(BOX)
+    for make in (ObjectShape, ObjectShape.centred, TargetRegion, lambda edges: Scene(target, (box,), edges)):
+        with pytest.raises(SceneError, match=r"numbers|vertices"):
+            make(value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((None, (ObjectShape(BOX),)), "a scene has a target"),
+        ((TargetRegion([0, 0]), None), "no objects"),
+        ((TargetRegion([0, 0]), (BOX,)), "a tuple of ObjectShape"),
+        ((TargetRegion([0, 0]), "box"), "no objects"),
+        ((TargetRegion([0, 0]), [ObjectShape(BOX)], None), "array of numbers"),
+    ],
+)
+def test_what_is_no_scene(arguments: tuple, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        Scene(*arguments)
+
+
+def test_a_convex_outline_collides_as_drawn() -> None:
+    assert ObjectShape(BOX).contact_tolerance == 0.0
+
+
 def test_arrays_are_read_only() -> None:
     shape = ObjectShape(BOX)
     with pytest.raises(ValueError, match="read-only"):
         shape.outline[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_copies_are_equal_and_read_only(copied: Callable[[Scene], Scene]) -> None:
+    scene = Scene(TargetRegion([0.1, 0.0]), (ObjectShape.centred([[0, 0], [0.04, 0], [0.04, 0.03], [0, 0.03]]),))
+    assert len(scene.objects[0].convex_parts) == 1  # computed before it is copied
+    other = copied(scene)
+    assert other == scene
+    (shape,) = other.objects
+    for array in (other.edges, other.target.position, shape.outline, *shape.convex_parts):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -272,6 +274,90 @@ def test_aliases_do_not_multiply(tmp_path: Path) -> None:
     """Ten levels of nine aliases each stand for 3.5 thousand million values."""
     lines = ["a0: &a0 [1]"] + [f"a{n}: &a{n} [{', '.join(9 * [f'*a{n - 1}'])}]" for n in range(1, 11)]
     assert "a10: is not a field" in error_of(tmp_path, "\n".join(lines))
+
+
+def a_shape(count: int, noise: float = 0.0, radius: float = 0.045) -> list[list[float]]:
+    """Three lobes, not convex."""
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    radii = radius * (1.0 + 0.25 * np.cos(3.0 * angles)) + np.random.default_rng(0).normal(0.0, noise, count)
+    return (radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)).tolist()
+
+
+def with_objects(*outlines: list[list[float]]) -> str:
+    """JSON, which is YAML, too."""
+    return json.dumps({"target": {"position": [0.1, 0.1]}, "objects": [{"outline": outline} for outline in outlines]})
+
+
+@pytest.mark.parametrize("name", ["scene.yaml", "scene.json"])
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (with_objects(a_shape(800, 1e-5)), None),
+        (with_objects(a_shape(9999, 1e-5)), None),
+        (with_objects(a_shape(9999, 3e-5)), None),
+        (with_objects(a_shape(3000, 1e-3)), "scene:1:62: objects[0].outline: "),
+        (with_objects(a_shape(20_000)), "objects[0].outline: has 20000 vertices; at most 10000 are possible"),
+        (with_objects(*[[[0, 0], [0.1, 0], [0.1, 0.1]]] * 400), "objects[1].pose: objects[0] and objects[1] overlap"),
+        (with_objects(*[[[0, 0], [0.1, 0], [0.1, 0.1]]] * 600), "objects: has 600 entries; at most 500 objects"),
+        ("[" + "[0,1]," * 160_000 + "0]", "scene"),
+        ("[" * 900_000, "scene"),
+        ("{" + ", ".join(f'"k{n}": 1' for n in range(10_000)) + "}", "k9999: is not a field"),
+        ('{"' + "k" * 900_000 + '": 1}', "scene"),
+        (with_objects([["a", "b"]] * 9000), "objects[0].outline[0][0]: should be a valid number"),
+        (with_objects([[10**400, 0], [1, 1], [2, 0]]), "objects[0].outline[0][0]: "),
+        (" " * 1_100_000, "has more than 1000000 bytes"),
+    ],
+    ids=range(14),
+)
+def test_a_file_of_a_megabyte_is_read_or_refused_at_once(
+    tmp_path: Path, text: str, expected: str | None, name: str
+) -> None:
+    started = time.process_time()
+    if expected is None:
+        (shape,) = load_text(tmp_path, text, name).scene.objects
+        assert len(shape.convex_parts) < 100 and 0.0 < shape.contact_tolerance < 3e-4
+    else:
+        message = error_of(tmp_path, text, name)
+        assert expected in message and len(message) < 2000
+    assert time.process_time() - started < 4.0, "under load; about 1 s alone"
+
+
+@pytest.mark.parametrize("times", [2, 400])
+def test_aliases_of_large_outlines_do_not_multiply_either(tmp_path: Path, times: int) -> None:
+    outline = f"&o {{outline: {json.dumps(a_shape(9000))}}}"
+    text = f"target: {{position: [0.1, 0.1]}}\nobjects: [{outline}, {', '.join(times * ['*o'])}]"
+    assert "vertices in all outlines; at most 20000" in error_of(tmp_path, text)
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "folder.yaml").mkdir()
+    (tmp_path / "loop.yaml").symlink_to("loop.yaml")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for name in ("folder.yaml", "loop.yaml", "pipe.yaml", "nothing\0.yaml", "x" * 5000 + ".yaml"):
+        with pytest.raises(SceneError, match="it should be a scene file") as caught:
+            load_task_instance(tmp_path / name)
+        assert len(str(caught.value)) < 1000
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=4)
+            | st.dictionaries(
+                st.sampled_from(["objects", "target", "outline", "pose", "edges", "start", "gripper", "position", "a"]),
+                inner,
+            )
+        ),
+        max_leaves=15,
+    )
+)
+def test_any_document_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: object) -> None:
+    path = tmp_path_factory.getbasetemp() / "any_document.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(SceneError) as caught:
+        load_task_instance(path)
+    assert len(str(caught.value)) < 2000
 
 
 def test_what_could_not_be_loaded_again_is_not_written(tmp_path: Path) -> None:

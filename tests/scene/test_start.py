@@ -84,3 +84,10 @@ def test_every_fault_is_reported() -> None:
     scene = Scene(TargetRegion([0.0, 0.0]), (BOX, BOX, BOX))
     start = state((0.1, 0.1, 0.0), (0.1, 0.11, 0.0), (0.3, 0.0, 0.0))
     assert faults(scene, start) == ["objects[2].pose", "objects[1].pose"]
+
+
+def test_many_faults_make_a_short_message() -> None:
+    scene = Scene(TargetRegion([0.0, 0.0]), (BOX,) * 300)
+    with pytest.raises(SceneError) as caught:
+        check_start(scene, state(*[(0.1, 0.1, 0.0)] * 300))
+    assert len(str(caught.value)) < 2000 and "more faults" in str(caught.value)

@@ -72,3 +72,51 @@ def test_spaces_by_name() -> None:
     assert isinstance(make_action_space("continuous"), ContinuousActionSpace)
     with pytest.raises(ConfigError, match="discrete, continuous"):
         make_action_space("hybrid")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        *(
+            None,
+            "abc",
+            "1234",
+            ["0", "0", "0", "1"],
+            [True] * 4,
+            [1j] * 4,
+            [[1], [2, 3]],
+            [None] * 4,
+            10**400,
+            {},
+            b"1234",
+        ),
+        *(
+            np.zeros(3),
+            np.zeros((1, 4)),
+            np.full(4, np.nan),
+            np.ma.masked_all(4),
+            np.zeros(4, "datetime64[s]"),
+            [0] * 10_000,
+        ),
+    ],
+    ids=range(17),
+)
+def test_what_is_no_action(action: object) -> None:
+    for name in ("continuous", "discrete"):
+        with pytest.raises(ActionError) as caught:
+            make_action_space(name).motion(action)
+        assert len(str(caught.value)) < 500
+
+
+def test_what_is_an_action() -> None:
+    space = make_action_space("continuous")
+    expected = space.motion(np.array([0.5, -1.0, 0.25, 1.0]))
+    for action in ([0.5, -1, 0.25, 1], (0.5, -1.0, 0.25, 1.0), np.array([0.5, -1.0, 0.25, 1.0], np.float32)):
+        assert space.motion(action) == expected
+    with pytest.raises(ActionError, match="a discrete action is an integer"):
+        make_action_space("discrete").motion(True)
+    for name in ("discreet", None, ["discrete"]):
+        with pytest.raises(ConfigError, match="choose one of"):
+            make_action_space(name)
+    with pytest.raises(ActionError, match="consists of numbers"):
+        GripperMotion(forward="0.1")

@@ -11,8 +11,11 @@ import pytest
 
 from visualrhp.errors import ConfigError
 from visualrhp.parameters import validated
-from visualrhp.scene import ObjectShape, Scene, TargetRegion
+from visualrhp.scene import Gripper, ObjectShape, Scene, TargetRegion
+from visualrhp.scene.scene import square_edges
+from visualrhp.scene.start import start_faults
 from visualrhp.simulation import GripperMotion, Physics
+from visualrhp.simulation.physics import least_motion_steps
 from visualrhp.simulation.simulator import Simulator
 from visualrhp.types import State
 
@@ -53,6 +56,77 @@ def test_a_grasp_builds_up_within_the_motion() -> None:
         Physics(grip_steps=51)
     with pytest.raises(ConfigError, match="grip_steps=3"):
         Physics(motion_steps=2)
+
+
+BAR = ObjectShape.centred([[-0.003, -0.06], [0.003, -0.06], [0.003, 0.06], [-0.003, 0.06]])
+"""6 mm thin."""
+
+
+def test_a_gripper_does_not_pass_through_a_bar() -> None:
+    """With the fewest steps that are accepted, fingertips push a thin bar before them; with fewer, they would not."""
+    scene = Scene(TargetRegion([0.2, 0.2]), (BAR,))
+    start = State.create([-0.03, 0, 0], 0.0, True, [[0, 0, 0]])
+    least = least_motion_steps(Gripper().finger_thickness)
+    assert least == 19
+    for steps in (50, 30, 20, least):
+        end = Simulator(scene, Physics(motion_steps=steps)).advance(start, GripperMotion(forward=0.1, closed=True))
+        tips = end.gripper_pose[0] + 0.02
+        assert 0.0 < end.object_poses[0, 0] - tips < 0.06
+    for steps in (least - 1, 5, 2, 1):
+        with pytest.raises(ConfigError, match=rf"^motion_steps={steps} .* at least {least}, since the gripper would"):
+            Physics(motion_steps=steps, grip_steps=1)
+
+
+@pytest.mark.parametrize("steps", [19, 50])
+@pytest.mark.parametrize("thickness", [0.00301, 0.006])
+def test_bars_stay_before_the_gripper_whatever_its_motion(steps: int, thickness: float) -> None:
+    bar = ObjectShape.centred(np.array([[-0.5, -0.06], [0.5, -0.06], [0.5, 0.06], [-0.5, 0.06]]) * (thickness, 1.0))
+    scene = Scene(TargetRegion([0.9, 0.9]), (bar,), square_edges(2.0))
+    simulator = Simulator(scene, Physics(motion_steps=steps))
+    rng = np.random.default_rng(0)
+    for forward, left, turn in ((0.1, 0, 0), (0, 0.1, 0), (0.1, 0.1, 0), (0, 0.1, 0.87), (0, -0.1, 0.87), (-0.1, 0, 0)):
+        for _ in range(4):
+            ahead = np.array([forward, left]) / np.hypot(forward, left)
+            away, aside = rng.uniform(0.06, 0.075) + 0.04 * (forward < 0.0), rng.uniform(-0.03, 0.03)
+            place = away * ahead + aside * np.array([-ahead[1], ahead[0]])
+            closed = bool(rng.integers(2))
+            pose = (*place, np.arctan2(ahead[1], ahead[0]))
+            start = State.create([0, 0, 0], 0.0 if closed else 0.085, closed, [pose])
+            if list(start_faults(scene, start)):
+                continue
+            end = simulator.advance(start, GripperMotion(forward, left, turn, closed))
+            assert not list(start_faults(scene, end)), "deep in the gripper"
+            assert (end.object_poses[0, :2] - start.object_poses[0, :2]) @ ahead > -1e-3, "behind the gripper"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            {"time_step": 1e-4},
+            r"^time_step=0.0001 is out of range: with motion_steps=50, .* 28.3 m/s .* at least 0.0014",
+        ),
+        ({"time_step": 0.1, "rest_speed": 0.1}, "^rest_speed=0.1 is out of range: .* 10 mm in a step"),
+        ({"time_step": 10.0}, "^time_step=10.0 is out of range: it should be a number, above 0 and at most 0.1"),
+        ({"iterations": 10**9}, "^iterations=1000000000 is out of range"),
+        ({"settle_steps": 10**6}, "^settle_steps=1000000"),
+        ({"gravity": 1e300}, "^gravity="),
+    ],
+)
+def test_what_a_time_step_cannot_resolve_is_refused(parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Physics(**parameters)
+
+
+@pytest.mark.parametrize("name", ["finger_thickness", "palm_length", "palm_front_width", "finger_length"])
+def test_a_part_of_the_gripper_that_is_too_thin_for_a_step_is_refused(name: str) -> None:
+    gripper = replace(Gripper(), **{name: 0.001})
+    scene = Scene(TargetRegion([0.2, 0.2]), (BOX,), gripper=gripper)
+    with pytest.raises(
+        ConfigError, match=rf"^gripper.{name}=0.001: .* at least 0.0027 m, or physics.motion_steps .* 71"
+    ):
+        Simulator(scene, Physics())
+    Simulator(scene, Physics(motion_steps=71))
 
 
 def test_parameters_are_values() -> None:

@@ -7,29 +7,44 @@ are parts of one rigid body and do not collide with each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
+from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
+from visualrhp.scene.contours import collision_outline
 from visualrhp.scene.polygons import MIN_OBJECT_THICKNESS
 from visualrhp.types import FloatArray
 
 _LENGTH_TOLERANCE = 1e-9
 _AREA_TOLERANCE = 1e-12
+_MARGIN = 1e-7  # around what is looked for [m]
+_MOST_EXTENSIONS = 100
+
+_Edge = tuple[int, int]
 
 
 def convex_parts(polygon: FloatArray) -> tuple[FloatArray, ...]:
     """Convex polygons [V, 2], counter-clockwise, whose union is the simple, counter-clockwise ``polygon`` [V, 2].
 
     A convex polygon is returned unchanged, as the only part. Parts may overlap; none has collinear vertices, and each
-    is as thick as :data:`MIN_OBJECT_THICKNESS` where the polygon has room for it.
+    is as thick as :data:`MIN_OBJECT_THICKNESS` where the polygon has room for it. Of a polygon with very many vertices,
+    they are the parts of its :func:`visualrhp.scene.contours.collision_outline`, so the time is bounded.
     """
     if geometry.is_convex(polygon):
         return (polygon,)
-    merged = [polygon[part] for part in _merge(polygon, _triangulate(polygon))]
-    grown = [_thicken(part, merged) for part in merged]
+    reduced = collision_outline(polygon)
+    if reduced is None:
+        raise SceneError(f"an outline of {len(polygon)} vertices is too rough to be decomposed into convex parts")
+    polygon, _ = reduced
+    if geometry.is_convex(polygon):
+        return (polygon,)
+    merged = _Neighbours([polygon[part] for part in _merge(polygon, _triangulate(polygon))])
+    grown = [_thicken(part, merged) for part in merged.parts]
     return tuple(_without_collinear(part) for part in _without_covered(grown))
 
 
@@ -42,44 +57,101 @@ def _triangulate(polygon: FloatArray) -> list[list[int]]:
 
 
 def _merge(polygon: FloatArray, triangles: list[list[int]]) -> list[list[int]]:
-    """Hertel-Mehlhorn: remove every diagonal without which the parts stay convex, those of thin triangles first."""
-    part_of = {edge: part for part in triangles for edge in zip(part, part[1:] + part[:1], strict=True)}
-    thickness = {edge: geometry.least_width(polygon[part]) for edge, part in part_of.items()}
-    diagonals = [(a, b) for a, b in part_of if a < b and (b, a) in part_of]
+    """Hertel-Mehlhorn: remove every diagonal without which the parts stay convex, those of thin triangles first.
+
+    A part is a ring of directed edges, each of which knows the vertex before it and the vertex after it. To remove a
+    diagonal links the rings of both its sides, and only the angles at its two ends change.
+    """
+    after = {(a, b): c for t in triangles for a, b, c in (t, t[1:] + t[:1], t[2:] + t[:2])}
+    before = dict(after)  # of triangles, the vertex after an edge is also the one before it
+    thickness: dict[_Edge, float] = {}
+    for triangle in triangles:
+        thickness |= dict.fromkeys(_ring(triangle), geometry.least_width(polygon[triangle]))
+    diagonals = [(a, b) for a, b in after if a < b and (b, a) in after]
     diagonals.sort(key=lambda edge: min(thickness[edge], thickness[edge[1], edge[0]]))
-    for a, b in diagonals:
-        left, right = part_of[a, b], part_of[b, a]
-        # Left starts at b and ends at a, right starts at a and ends at b.
-        left = _rotated(left, left.index(b))
-        right = _rotated(right, right.index(a))
-        joined = left + right[1:-1]
-        if geometry.is_convex(polygon[joined]):
-            part_of |= dict.fromkeys(zip(joined, joined[1:] + joined[:1], strict=True), joined)
-            del part_of[a, b], part_of[b, a]
-    return list({id(part): part for part in part_of.values()}.values())
+    points = polygon.tolist()
+    extent = float(np.abs(polygon).max())
+    first_of: dict[_Edge, int] = {}  # when an edge became the first of its part
+    for number, (a, b) in enumerate(diagonals):
+        # The left part goes from ``left_before`` over a and b to ``left_after``, the right one over b and a.
+        left_before, left_after = before[a, b], after[a, b]
+        right_before, right_after = before[b, a], after[b, a]
+        if not (
+            _is_left_turn(points[left_before], points[a], points[right_after], extent)
+            and _is_left_turn(points[right_before], points[b], points[left_after], extent)
+        ):
+            continue
+        after[left_before, a], before[a, right_after] = right_after, left_before
+        after[right_before, b], before[b, left_after] = left_after, right_before
+        del after[a, b], after[b, a]
+        first_of[b, left_after] = number
+    return _rings(after, first_of)
 
 
-def _rotated(part: list[int], first: int) -> list[int]:
-    return part[first:] + part[:first]
+def _ring(part: list[int]) -> list[_Edge]:
+    return list(zip(part, part[1:] + part[:1], strict=True))
 
 
-def _thicken(part: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
-    """Return ``part`` or, if it is thin, a larger convex polygon that contains it, within the union of ``parts``.
+def _is_left_turn(before: list[float], at: list[float], behind: list[float], extent: float) -> bool:
+    """Whether a path turns left or, up to rounding, goes straight on (:func:`geometry.is_convex`)."""
+    ax, ay, bx, by = at[0] - before[0], at[1] - before[1], behind[0] - at[0], behind[1] - at[1]
+    turn = ax * by - ay * bx
+    return turn >= 0.0 or turn >= -geometry.turn_tolerance(math.hypot(ax, ay), math.hypot(bx, by), extent)
+
+
+def _rings(after: dict[_Edge, int], first_of: dict[_Edge, int]) -> list[list[int]]:
+    """The vertices of each part, from the edge that became its first one last."""
+    parts = []
+    seen: set[_Edge] = set()
+    for start in after:
+        if start in seen:
+            continue
+        ring, edge = [], start
+        while edge not in seen:
+            seen.add(edge)
+            ring.append(edge)
+            edge = (edge[1], after[edge])
+        first = max(range(len(ring)), key=lambda number: first_of.get(ring[number], -1))
+        parts.append([tail for tail, _ in ring[first:] + ring[:first]])
+    return parts
+
+
+class _Neighbours:
+    """Parts of a polygon, and which of them are at a place.
+
+    Args:
+        parts: convex polygons [V, 2], counter-clockwise.
+    """
+
+    def __init__(self, parts: list[FloatArray]) -> None:
+        self.parts = parts
+        self._tree = shapely.STRtree([shapely.Polygon(part) for part in parts])
+
+    def along(self, start: FloatArray, end: FloatArray) -> Iterator[FloatArray]:
+        """The parts with an edge on which the segment lies, in the opposite direction."""
+        middle = shapely.Point(0.5 * (start + end))
+        for number in np.sort(self._tree.query(middle, predicate="dwithin", distance=_MARGIN)):
+            if _shares_edge(self.parts[number], start, end):
+                yield self.parts[number]
+
+
+def _thicken(part: FloatArray, neighbours: _Neighbours) -> FloatArray:
+    """Return ``part`` or, if it is thin, a larger convex polygon that contains it, within the union of the parts.
 
     Across an edge shared with a neighbour, the part is extended by the piece of the neighbour within the half planes
     of the part's other edges, so the union is convex by construction.
     """
     thickness = geometry.least_width(part)
-    while thickness < MIN_OBJECT_THICKNESS:
+    for _ in range(_MOST_EXTENSIONS):
+        if thickness >= MIN_OBJECT_THICKNESS:
+            break
         candidates = []
         for side in range(len(part)):
-            start, end = part[side], part[(side + 1) % len(part)]
-            for neighbour in parts:
-                if _shares_edge(neighbour, start, end):
-                    taken = _within_wedge(neighbour, part, side)
-                    if len(taken) > 2:
-                        grown = geometry.convex_hull(np.concatenate([part, taken]))
-                        candidates.append((geometry.least_width(grown), geometry.signed_area(grown), grown))
+            for neighbour in neighbours.along(part[side], part[(side + 1) % len(part)]):
+                taken = _within_wedge(neighbour, part, side)
+                if len(taken) > 2:
+                    grown = geometry.convex_hull(np.concatenate([part, taken]))
+                    candidates.append((geometry.least_width(grown), geometry.signed_area(grown), grown))
         best = max(candidates, key=lambda candidate: candidate[:2], default=None)
         if best is None or best[1] < geometry.signed_area(part) + _AREA_TOLERANCE:
             break
@@ -131,12 +203,43 @@ def _left_of(polygon: FloatArray, start: FloatArray, end: FloatArray) -> FloatAr
 
 def _without_covered(parts: list[FloatArray]) -> list[FloatArray]:
     """Remove the parts that the others cover, small ones first."""
-    shapes = {number: shapely.Polygon(part) for number, part in enumerate(parts)}
-    for number in sorted(shapes, key=lambda number: shapes[number].area):
-        rest = shapely.union_all([shape for other, shape in shapes.items() if other != number])
-        if shapes[number].difference(rest).area < _AREA_TOLERANCE:
-            del shapes[number]
-    return [parts[number] for number in shapes]
+    shapes = np.array([shapely.Polygon(part) for part in parts])
+    areas = shapely.area(shapes)
+    tree = shapely.STRtree(shapes)
+    remain = np.ones(len(parts), dtype=bool)
+    for number in sorted(range(len(parts)), key=lambda number: areas[number]):
+        others = np.sort(tree.query(shapes[number]))
+        others = others[remain[others] & (others != number)]
+        if _is_covered(parts[number], shapes[number], shapes[others]):
+            remain[number] = False
+    return [part for part, stays in zip(parts, remain, strict=True) if stays]
+
+
+def _is_covered(part: FloatArray, shape: shapely.Polygon, others: NDArray[np.object_]) -> bool:
+    """Whether the union of ``others`` covers a convex ``part``; the union of many is made only in case of doubt."""
+    if _sticks_out(part, others):
+        return False
+    if shapely.covers(others, shape).any():
+        return True
+    return shape.difference(shapely.union_all(others)).area < _AREA_TOLERANCE
+
+
+def _sticks_out(part: FloatArray, others: NDArray[np.object_]) -> bool:
+    """Whether a corner of a convex ``part`` is certainly not covered; cheaper than the union of many others.
+
+    Within the distance r of all others from a corner, the part has at least r^2 sin(angle) / 2 for itself.
+    """
+    if len(others) == 0:
+        return True
+    before, after = np.roll(part, 1, axis=0) - part, np.roll(part, -1, axis=0) - part
+    lengths = np.hypot(before[:, 0], before[:, 1]), np.hypot(after[:, 0], after[:, 1])
+    sines = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) / (lengths[0] * lengths[1])
+    reach = np.minimum(*lengths)
+    for corner in np.argsort(-lengths[0] - lengths[1]):
+        free = min(reach[corner], shapely.distance(shapely.Point(part[corner]), others).min())
+        if 0.5 * free**2 * sines[corner] > 2.0 * _AREA_TOLERANCE:
+            return True
+    return False
 
 
 def _without_collinear(part: FloatArray) -> FloatArray:

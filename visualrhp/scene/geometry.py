@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from visualrhp.errors import SceneError
+from visualrhp.scene.contours import simplify_contour as simplify_contour
 from visualrhp.types import FloatArray
 
-CONVEXITY_TOLERANCE = -1e-12
-"""Least cross product of two consecutive edges [m^2] in a polygon that counts as convex."""
+CONVEXITY_TOLERANCE = 1e-9
+"""Largest turn to the right [rad] at a vertex of a polygon that counts as convex.
+
+An angle, so that it means the same for long and for short edges: a bend of 10 degrees is one whether 5 or 5,000
+vertices make it.
+"""
+
+_ROUNDING = 4.0 * np.finfo(np.float64).eps
+_MANY_VERTICES = 512  # from here on, comparing every edge with every vertex takes longer than sorting them
 
 
 def rotation_matrix(angle: float) -> FloatArray:
@@ -90,7 +98,18 @@ def is_convex(polygon: FloatArray) -> bool:
     edges = _following(polygon) - polygon
     following = _following(edges)
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    return bool(turns.min() >= CONVEXITY_TOLERANCE)
+    if turns.min() >= 0.0:
+        return True
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    return bool((turns >= -turn_tolerance(lengths, _following(lengths), float(np.abs(polygon).max()))).all())
+
+
+def turn_tolerance(first: Any, second: Any, extent: float) -> Any:
+    """The cross product [m^2] of two consecutive edges of these lengths [m] that still counts as straight on.
+
+    It allows for a turn of :data:`CONVEXITY_TOLERANCE`, and for the rounding of coordinates as large as ``extent`` [m].
+    """
+    return CONVEXITY_TOLERANCE * first * second + _ROUNDING * extent * (first + second)
 
 
 def width_range(polygon: FloatArray) -> tuple[float, float]:
@@ -99,49 +118,42 @@ def width_range(polygon: FloatArray) -> tuple[float, float]:
     The smallest width is attained along an edge of the hull, the largest between two of its vertices.
     """
     hull = polygon if is_convex(polygon) else convex_hull(polygon)
-    offsets = hull - hull[:, None]
+    if len(hull) > _MANY_VERTICES:
+        farthest = _farthest(hull)  # of each edge, so that its ends and these are the antipodal pairs
+        offsets = np.concatenate([hull[farthest] - hull[:, None], hull[farthest] - _following(hull)[:, None]])
+    else:
+        offsets = hull - hull[:, None]
     return least_width(hull), float(np.hypot(offsets[..., 0], offsets[..., 1]).max())
 
 
 def least_width(polygon: FloatArray) -> float:
     """Smallest width [m] of a convex, counter-clockwise polygon without duplicate vertices."""
     edges = _following(polygon) - polygon
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    if len(polygon) > _MANY_VERTICES:
+        offsets = polygon[_farthest(polygon)] - polygon[:, None]
+        heights = edges[:, :1] * offsets[..., 1] - edges[:, 1:] * offsets[..., 0]
+        return float((heights.max(axis=1) / lengths).min())
     heights = np.stack([-edges[:, 1], edges[:, 0]], axis=1) @ polygon.T  # [edges, V], times the length of the edge
-    return float(((heights.max(axis=1) - heights.diagonal()) / np.hypot(edges[:, 0], edges[:, 1])).min())
+    return float(((heights.max(axis=1) - heights.diagonal()) / lengths).min())
+
+
+def _farthest(polygon: FloatArray) -> npt.NDArray[np.intp]:
+    """[V, 3] the vertices of a convex polygon of which one is farthest from the line of each edge.
+
+    Edges turn counter-clockwise, so the distance from an edge's line grows up to the first edge that points backwards.
+    """
+    edges = _following(polygon) - polygon
+    angles = np.maximum.accumulate(np.unwrap(np.arctan2(edges[:, 1], edges[:, 0])))
+    turned = np.concatenate([angles, angles + 2.0 * np.pi])
+    peak = np.searchsorted(turned, angles + np.pi)
+    return (peak[:, None] + (-1, 0, 1)) % len(polygon)
 
 
 def convex_hull(points: FloatArray) -> FloatArray:
     """Vertices [V, 2] of the convex hull, counter-clockwise."""
     hull = shapely.MultiPoint(points).convex_hull
     return shapely.get_coordinates(shapely.orient_polygons(hull))[:-1]
-
-
-def simplify_contour(points: npt.ArrayLike, tolerance: float) -> FloatArray:
-    """A simple polygon [V, 2], counter-clockwise, with few vertices, from a camera contour.
-
-    The contour may have either orientation, end with its first point, repeat points and touch itself; of several pieces
-    the largest is used, and holes are filled. No point of the contour's border is farther than ``tolerance`` [m] from
-    the border of the result.
-
-    Raises:
-        SceneError: the points are not a finite array [N, 2] or span no area, or the tolerance is not positive.
-    """
-    contour = np.asarray(points, dtype=np.float64)
-    if not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise SceneError(f"the tolerance of a contour must be positive [m], not {tolerance}")
-    if contour.ndim != 2 or contour.shape[1] != 2 or len(contour) < 3:
-        raise SceneError(f"a contour has at least three points (x, y), not the shape {list(contour.shape)}")
-    if not np.isfinite(contour).all():
-        raise SceneError("a contour has a point that is not finite")
-    pieces = shapely.get_parts(shapely.make_valid(shapely.Polygon(contour), method="structure"))
-    pieces = [piece for piece in pieces if isinstance(piece, shapely.Polygon) and piece.area > 0.0]
-    if not pieces:
-        raise SceneError(f"a contour of {len(contour)} points spans no area")
-    ring = shapely.get_coordinates(max(pieces, key=lambda piece: piece.area).exterior)[:-1]
-    # Simplification keeps the ring's first vertex, so it should be a corner.
-    first = int(np.argmax(np.hypot(*(ring - ring.mean(axis=0)).T)))
-    simple = shapely.simplify(shapely.Polygon(np.roll(ring, -first, axis=0)), tolerance)
-    return shapely.get_coordinates(shapely.orient_polygons(simple))[:-1]
 
 
 def contains(polygon: FloatArray | list[list[float]], x: float, y: float) -> bool:
@@ -153,4 +165,16 @@ def contains(polygon: FloatArray | list[list[float]], x: float, y: float) -> boo
         if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0):
             inside = not inside
         x0, y0 = x1, y1
+    return inside
+
+
+def contains_each(polygon: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """[N] whether each of the points [N, 2] lies within a simple polygon, by the rule of :func:`contains`."""
+    x1, y1 = polygon.T
+    x0, y0 = np.roll(polygon, 1, axis=0).T
+    inside = np.zeros(len(points), dtype=bool)
+    for number, (x, y) in enumerate(points.tolist()):
+        crossed = (y0 > y) != (y1 > y)
+        at = x0[crossed] + (y - y0[crossed]) * (x1[crossed] - x0[crossed]) / (y1[crossed] - y0[crossed])
+        inside[number] = np.count_nonzero(x < at) % 2 == 1
     return inside

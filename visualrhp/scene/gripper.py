@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from visualrhp.errors import SceneError
+from visualrhp.scene.contours import is_number
 from visualrhp.scene.geometry import to_world
 from visualrhp.types import FloatArray
 
@@ -43,8 +43,8 @@ class Gripper:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            if not (getattr(self, name) > 0.0 and math.isfinite(getattr(self, name))):
-                raise SceneError(f"the gripper's {name} is {getattr(self, name)}; it must be positive [m]")
+            if not (is_number(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise SceneError(f"the gripper's {name} is {getattr(self, name)!r:.100}; it must be positive [m]")
         if self.stroke > MAX_STROKE:
             raise SceneError(f"the gripper's stroke is {self.stroke} m; it can be at most {MAX_STROKE} m")
 

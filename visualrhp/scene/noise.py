@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
+from visualrhp.scene.contours import MAX_EXACT_VERTICES, is_number
 from visualrhp.scene.scene import ObjectShape, Scene
 from visualrhp.types import Column, State, wrap_angle
 
@@ -19,6 +19,8 @@ NOISE_LEVELS: dict[NoiseLevel, float] = {"none": 0.0, "low": 0.01, "medium": 0.0
 """Relative standard deviation of each noise level (footnote 7)."""
 
 _ATTEMPTS = 1000
+_ATTEMPTS_OF_MANY_VERTICES = 20  # of outlines that take long to check
+_MAX_STD = 100.0
 
 
 def perturb(scene: Scene, relative_std: float, rng: np.random.Generator, turning_std: float = 0.0) -> Scene:
@@ -35,8 +37,11 @@ def perturb(scene: Scene, relative_std: float, rng: np.random.Generator, turning
         SceneError: a standard deviation is negative or not finite, or so large that no valid outline is found.
     """
     for std in (relative_std, turning_std):
-        if not (std >= 0.0 and math.isfinite(std)):
-            raise SceneError(f"the relative standard deviation of the noise is {std}; it must not be negative")
+        if not (is_number(std) and 0.0 <= std <= _MAX_STD):
+            raise SceneError(
+                f"the relative standard deviation of the noise is {std!r:.100}; it must not be negative, nor above "
+                f"{_MAX_STD:g}"
+            )
     objects = scene.objects
     if relative_std > 0.0:
         objects = tuple(_perturb_object(shape, relative_std, rng) for shape in objects)
@@ -70,18 +75,25 @@ def _perturb_object(shape: ObjectShape, relative_std: float, rng: np.random.Gene
     density = shape.density * _positive_factor(relative_std, rng)
     friction = shape.friction * _positive_factor(relative_std, rng)
     convex = geometry.is_convex(shape.outline)
-    for _ in range(_ATTEMPTS):
+    many = len(shape.outline) > MAX_EXACT_VERTICES
+    for _ in range(_ATTEMPTS_OF_MANY_VERTICES if many else _ATTEMPTS):
         outline = shape.outline * (1.0 + relative_std * rng.standard_normal((len(shape.outline), 1)))
         try:
             centred = ObjectShape.centred(geometry.convex_hull(outline) if convex else outline, density, friction)
             return replace(centred, turning_resistance=shape.turning_resistance)
         except SceneError:  # not a simple polygon, or too thin: sample its vertices again
             continue
-    raise SceneError(f"noise of relative standard deviation {relative_std} leaves no valid outline of an object")
+    advice = "; reduce their number with ObjectShape.from_contour" if many else ""
+    raise SceneError(
+        f"noise of relative standard deviation {relative_std:g} leaves no valid outline of an object of "
+        f"{len(shape.outline)} vertices{advice}"
+    )
 
 
 def _positive_factor(relative_std: float, rng: np.random.Generator) -> float:
     """1 + relative_std * N(0, 1), sampled again if not positive."""
-    while (factor := 1.0 + relative_std * rng.standard_normal()) <= 0.0:
-        pass
-    return float(factor)
+    for _ in range(_ATTEMPTS):  # at least every other one is positive
+        factor = 1.0 + relative_std * rng.standard_normal()
+        if factor > 0.0:
+            return float(factor)
+    raise SceneError(f"noise of relative standard deviation {relative_std:g} gives no positive parameter")

@@ -11,6 +11,13 @@ import shapely
 
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
+from visualrhp.scene.contours import (
+    MAX_CONTACT_TOLERANCE,
+    MAX_EXACT_VERTICES,
+    MAX_VERTICES,
+    collision_outline,
+    numbers,
+)
 from visualrhp.types import FloatArray
 
 MIN_OBJECT_AREA = 1e-5
@@ -27,6 +34,7 @@ MAX_COORDINATE = 100.0
 """Largest absolute coordinate [m] of a vertex or a position: a larger one is probably in millimetres."""
 
 _VERTEX_TOLERANCE = 1e-9
+_MANY_VERTICES = 2000  # of a body: the disc is rolled through its collision outline
 
 
 class PolygonFault(NamedTuple):
@@ -50,6 +58,12 @@ def polygon_fault(polygon: FloatArray, solid: bool) -> PolygonFault | None:
     """
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
         return PolygonFault(None, f"needs at least three vertices (x, y), not an array of shape {list(polygon.shape)}")
+    if len(polygon) > MAX_VERTICES:
+        return PolygonFault(
+            None,
+            f"has {len(polygon)} vertices; at most {MAX_VERTICES} are possible, and under 100 are fast to simulate: "
+            "ObjectShape.from_contour(points, tolerance) reduces their number",
+        )
     if not np.abs(polygon).max() <= MAX_COORDINATE:
         return _unbounded(polygon)
     edges = np.concatenate([polygon[1:], polygon[:1]]) - polygon
@@ -76,26 +90,40 @@ def _fault_of_body(polygon: FloatArray, edges: FloatArray) -> PolygonFault | Non
         vertex = int(np.argmin(offsets))
         point = polygon[vertex].tolist()
         return PolygonFault(vertex, f"has collinear vertices: {point} lies on the line of its neighbours; remove it")
-    if turns.min() >= geometry.CONVEXITY_TOLERANCE:
+    if geometry.is_convex(polygon):
         thickness = geometry.least_width(polygon)
         if thickness < MIN_OBJECT_THICKNESS:
             needed = f"at least {1e3 * MIN_OBJECT_THICKNESS:g} mm is needed"
             return PolygonFault(None, f"is too thin: {1e3 * thickness:.3g} mm wide; {needed}")
         return None
-    return _thin_spot(polygon)
+    reduced = collision_outline(polygon)
+    if reduced is None:
+        return PolygonFault(
+            None,
+            f"has {len(polygon)} vertices and is rough; an outline that is not convex has at most {MAX_EXACT_VERTICES},"
+            f" or is smooth within {1e3 * MAX_CONTACT_TOLERANCE:g} mm: ObjectShape.from_contour(points, tolerance) "
+            "reduces their number",
+        )
+    # The time of a buffer grows with the square of a rough border's length.
+    return _thin_spot(polygon, reduced[0] if len(polygon) > _MANY_VERTICES else polygon)
 
 
-def _thin_spot(polygon: FloatArray) -> PolygonFault | None:
-    """The place where a non-convex polygon is thinner than the least thickness, found by rolling a disc through it."""
+def _thin_spot(polygon: FloatArray, outline: FloatArray) -> PolygonFault | None:
+    """The place where a non-convex polygon is thinner than the least thickness, found by rolling a disc through it.
+
+    The disc rolls through ``outline``, the polygon or a similar one.
+    """
     radius = 0.5 * MIN_OBJECT_THICKNESS * (1.0 - 1e-6)
-    outline = shapely.Polygon(polygon)
-    core = outline.buffer(-radius)  # where the centre of the disc can be
+    core = shapely.Polygon(outline).buffer(-radius)  # where the centre of the disc can be
     needed = f"at least {1e3 * MIN_OBJECT_THICKNESS:g} mm is needed"
     if core.is_empty:
         return PolygonFault(None, f"is too thin everywhere; {needed}")
-    distances = np.asarray(shapely.distance(shapely.points(polygon), core)) - radius
-    vertex = int(np.argmax(distances))
-    if distances[vertex] > 2.0 * MIN_OBJECT_THICKNESS:
+    shapely.prepare(core)
+    reach = 2.0 * MIN_OBJECT_THICKNESS + radius
+    far = np.flatnonzero(~shapely.dwithin(core, shapely.points(polygon), reach * (1.0 - 1e-9)))
+    distances = np.asarray(shapely.distance(core, shapely.points(polygon[far])))  # takes long for many
+    if len(far) and distances.max() > reach:
+        vertex = int(far[np.argmax(distances)])
         return PolygonFault(vertex, f"is too thin around {polygon[vertex].tolist()}; {needed}")
     pieces = shapely.get_parts(core)
     if len(pieces) > 1:
@@ -160,9 +188,6 @@ def read_only(values: npt.ArrayLike) -> FloatArray:
     Raises:
         SceneError: the values are not an array of numbers.
     """
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"an array of numbers is needed, not {values!r:.200}") from error
+    array = numbers(values, "")
     array.setflags(write=False)
     return array

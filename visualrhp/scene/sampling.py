@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -9,10 +10,22 @@ import numpy as np
 import shapely
 
 from visualrhp.errors import ConfigError
-from visualrhp.parameters import AsRange, AsTuple, Field, NonNegative, Positive, parameters
+from visualrhp.parameters import AsRange, AsTuple, Field, parameters
 from visualrhp.scene import geometry
 from visualrhp.scene.gripper import Gripper
-from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion, TaskInstance, square_edges
+from visualrhp.scene.placement import CORNER_DISTANCE as CORNER_DISTANCE
+from visualrhp.scene.placement import place_objects, sample_position
+from visualrhp.scene.polygons import MAX_COORDINATE
+from visualrhp.scene.scene import (
+    MAX_DENSITY,
+    MAX_FRICTION,
+    ObjectShape,
+    Scene,
+    TargetRegion,
+    TaskInstance,
+    centred,
+    square_edges,
+)
 from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import FloatArray, ObjectSize, State
 
@@ -20,7 +33,8 @@ MAX_OBJECTS = 20
 """Largest number of objects that can be requested; the paper uses up to 7."""
 
 NumObjects = Annotated[int, Field(ge=1, le=MAX_OBJECTS)]
-NumVertices = Annotated[int, Field(ge=3)]
+NumVertices = Annotated[int, Field(ge=3, le=1000)]
+Place = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 
 Layout = Literal["uniform", "target_at_edge", "object_in_corner", "object_behind"]
 """Where the target region and the desired object are; all but ``uniform`` are hard and not in the paper:
@@ -31,10 +45,14 @@ Layout = Literal["uniform", "target_at_edge", "object_in_corner", "object_behind
 """
 
 EDGE_DISTANCE = 0.03
-CORNER_DISTANCE = 0.09
 
-_ATTEMPTS_PER_OBJECT = 100
-_ATTEMPTS_PER_SCENE = 500
+
+ATTEMPTS_PER_SCENE = 500
+_ATTEMPTS_PER_TARGET = 100_000
+_FEW_OBJECTS = 10
+_LARGEST_WITH_CORNERS = 8.0  # beyond, one place in 2,500 is in a corner
+_GRIPPER_AREA = 0.01  # [m^2], fingers and the room between them included
+_GRIPPER_PERIMETER = 0.45  # [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,19 +104,20 @@ class SceneDistribution:
         layout: see :data:`Layout`.
 
     Raises:
-        ConfigError: a parameter is out of range.
+        ConfigError: a parameter is out of range, or no instances can be found: the clearance leaves no room, the target
+            region covers the surface, or the largest number of objects would lie too densely.
     """
 
     num_objects: Annotated[tuple[NumObjects, NumObjects], AsRange, AsTuple] = (1, 7)
     object_size: ObjectSize = "mixed"
-    surface_side: Positive = 0.5
-    target_radius: Positive = 0.07
-    density: Positive = 1.0
-    friction: Positive = 0.3
+    surface_side: Annotated[float, Field(gt=0, le=2.0 * MAX_COORDINATE)] = 0.5
+    target_radius: Annotated[float, Field(gt=0, le=MAX_COORDINATE)] = 0.07
+    density: Annotated[float, Field(gt=0, le=MAX_DENSITY)] = 1.0
+    friction: Annotated[float, Field(gt=0, le=MAX_FRICTION)] = 0.3
     num_vertices: Annotated[tuple[NumVertices, NumVertices], AsTuple] = (4, 8)
-    clearance: NonNegative = 0.005
-    start_distance: Annotated[tuple[float, float], AsTuple] = (0.01, 0.05)
-    start_angle: NonNegative = np.pi / 6
+    clearance: Annotated[float, Field(ge=0, le=MAX_COORDINATE)] = 0.005
+    start_distance: Annotated[tuple[Place, Place], AsTuple] = (0.01, 0.05)
+    start_angle: Annotated[float, Field(ge=0, le=3.1416)] = np.pi / 6
     layout: Layout = "uniform"
 
     def __post_init__(self) -> None:
@@ -108,6 +127,70 @@ class SceneDistribution:
                 raise ValueError(f"{name}=[{low}, {high}]: the smaller bound comes first.")
         if self.layout == "object_behind" and self.num_objects[0] < 2:
             raise ValueError(f"layout=object_behind needs an obstacle: num_objects={list(self.num_objects)}.")
+        fault = feasibility_fault(self)
+        if fault is not None:
+            raise ValueError(fault)
+
+
+def feasibility_fault(distribution: SceneDistribution) -> str | None:
+    """Why no instance of a distribution can be found, or only after many attempts; None if there are some."""
+    side, clearance, classes = distribution.surface_side, distribution.clearance, SIZE_CLASSES[distribution.object_size]
+    smallest = 0.4 * min(kind.half_length[0] * kind.aspect[0] for kind in classes)  # a circle within any object
+    room = 0.5 * side - smallest
+    if clearance > room:
+        return (
+            f"clearance={clearance:g} leaves no room on surface_side={side:g} m: no object has {clearance:g} m on "
+            f"every side. It should be at most about {max(room - smallest, 0.0):.2g} m, on a larger surface more."
+        )
+    if distribution.layout == "object_in_corner" and clearance + smallest > CORNER_DISTANCE / math.sqrt(2.0):
+        return (
+            f"clearance={clearance:g} is too large for layout=object_in_corner, which wants the desired object's "
+            f"centre within {CORNER_DISTANCE:g} m of a corner. It should be at most about "
+            f"{CORNER_DISTANCE / math.sqrt(2.0) - 2.0 * smallest:.2g} m."
+        )
+    if distribution.layout == "object_in_corner" and side > _LARGEST_WITH_CORNERS:
+        return (
+            f"surface_side={side:g} is too large for layout=object_in_corner: places are drawn from the whole surface. "
+            f"It should be at most {_LARGEST_WITH_CORNERS:g} m."
+        )
+    farthest = math.sqrt(2.0) * (side - clearance - smallest)
+    if distribution.target_radius >= farthest:
+        return (
+            f"target_radius={distribution.target_radius:g} covers all places of the desired object, which starts "
+            f"outside the target region: on surface_side={side:g} m, it should be far below {farthest:.2g} m."
+        )
+    if not _fits(distribution, distribution.num_objects[1]):
+        most = max((m for m in range(1, MAX_OBJECTS + 1) if _fits(distribution, m)), default=0)
+        advice = f"It should be at most {most}, or on a larger surface more." if most else "Increase surface_side."
+        return (
+            f"num_objects={list(distribution.num_objects)} is too many for object_size={distribution.object_size} and "
+            f"clearance={clearance:g} on surface_side={side:g} m: objects at random places do not lie that densely. "
+            f"{advice}"
+        )
+    return None
+
+
+def coverage(distribution: SceneDistribution, num_objects: int, clearance: float) -> float:
+    """The share of the surface that objects and gripper are expected to take, each with half the clearance around."""
+    num_vertices = 0.5 * sum(distribution.num_vertices)
+    inscribed = 0.5 * num_vertices / math.pi * math.sin(2.0 * math.pi / num_vertices)  # area of a polygon in a circle
+    classes = SIZE_CLASSES[distribution.object_size]
+    total = 0.0
+    for kind in classes:
+        half_length = 0.5 * sum(kind.half_length)
+        half_width = 0.5 * sum(kind.aspect) * half_length
+        perimeter = 1.9 * math.pi * math.sqrt(0.5 * (half_length**2 + half_width**2))  # of a polygon in an ellipse
+        total += math.pi * half_length * half_width * inscribed + 0.5 * perimeter * clearance
+    around = 0.25 * math.pi * clearance**2
+    bodies = num_objects * (total / len(classes) + around) + _GRIPPER_AREA + 0.5 * _GRIPPER_PERIMETER * clearance
+    return bodies / (distribution.surface_side - clearance) ** 2
+
+
+def _fits(distribution: SceneDistribution, num_objects: int) -> bool:
+    """Whether random places for so many objects are found, and for more than a few within some 50 ms."""
+    if num_objects <= _FEW_OBJECTS:  # which have much room along the edges
+        return coverage(distribution, num_objects, 0.0) <= 0.8
+    return coverage(distribution, num_objects, distribution.clearance) <= 0.501
 
 
 def sample_task_instance(distribution: SceneDistribution, seed: int, split: Split, index: int) -> TaskInstance:
@@ -117,26 +200,33 @@ def sample_task_instance(distribution: SceneDistribution, seed: int, split: Spli
     open and heading inwards. The desired object's centre is outside the target region.
 
     Raises:
-        ConfigError: the objects of the distribution do not fit on the surface, or it is within the target region.
+        ConfigError: no instance was found in :data:`ATTEMPTS_PER_SCENE` attempts, or the seed or the index is negative.
     """
+    for name, value in (("seed", seed), ("index", index)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+            raise ConfigError(f"{name}={value!r:.60} is out of range: it should be an integer, at least 0.")
     rng = generator_for(seed, split, index, Stream.INSTANCE)
     num_objects = _sample_num_objects(distribution, rng)
     edges = square_edges(distribution.surface_side)
     gripper = Gripper()
-    for _ in range(_ATTEMPTS_PER_SCENE):
-        target = TargetRegion(_sample_target(distribution.layout, edges, rng), distribution.target_radius)
-        objects = tuple(_sample_shape(distribution, rng) for _ in range(num_objects))
+    for _ in range(ATTEMPTS_PER_SCENE):
+        target = TargetRegion(_sample_target(distribution, edges, rng), distribution.target_radius)
+        outlines = [_sample_outline(distribution, rng) for _ in range(num_objects)]
         gripper_pose = _sample_gripper_pose(distribution, edges, rng)
-        obstacles = [shapely.Polygon(outline) for outline in gripper.outlines(gripper_pose, gripper.stroke)]
-        poses = _place_objects(distribution, objects, edges, target, obstacles, rng)
-        if poses is not None and (distribution.layout != "object_behind" or _is_behind(objects, poses, gripper_pose)):
+        poses = place_objects(
+            distribution, outlines, edges, target, gripper.outlines(gripper_pose, gripper.stroke), rng
+        )
+        if poses is not None and (distribution.layout != "object_behind" or _is_behind(outlines, poses, gripper_pose)):
+            objects = tuple(ObjectShape(each, distribution.density, distribution.friction) for each in outlines)
             state = State.create(gripper_pose, gripper.stroke, False, poses)
             return TaskInstance(Scene(target, objects, edges, gripper), state)
     raise ConfigError(
-        f"no task instance was found in {_ATTEMPTS_PER_SCENE} attempts: {num_objects} objects (scene.object_size="
-        f"{distribution.object_size}) outside each other and the desired one outside the target region "
-        f"(target_radius={distribution.target_radius:g} m) need a surface larger than "
-        f"surface_side={distribution.surface_side:g} m, fewer objects, or a smaller target_radius or clearance."
+        f"No task instance was found in {ATTEMPTS_PER_SCENE} attempts: there should be {num_objects} objects "
+        f"(scene.object_size={distribution.object_size}) at scene.clearance={distribution.clearance:g} m from each "
+        f"other, and the first outside the target region (scene.target_radius={distribution.target_radius:g} m), with "
+        f"scene.layout={distribution.layout}, on scene.surface_side={distribution.surface_side:g} m. "
+        + ("Increase scene.surface_side" if distribution.layout == "uniform" else "Choose scene.layout=uniform")
+        + ", or decrease scene.num_objects, scene.clearance or scene.target_radius."
     )
 
 
@@ -149,32 +239,30 @@ def _sample_num_objects(distribution: SceneDistribution, rng: np.random.Generato
     return int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
 
 
-def _sample_position(edges: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """[2] uniform over the surface."""
-    while True:
-        position = rng.uniform(edges.min(axis=0), edges.max(axis=0))
-        if geometry.contains(edges, *position):
-            return position
-
-
-def _sample_target(layout: Layout, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _sample_target(distribution: SceneDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
     """[2] centre of the target region."""
     border = shapely.LinearRing(edges)
-    while True:
-        position = _sample_position(edges, rng)
-        if layout != "target_at_edge" or border.distance(shapely.Point(position)) <= EDGE_DISTANCE:
-            return position
+    low, high = float(edges.min()), float(edges.max())
+    for _ in range(_ATTEMPTS_PER_TARGET):
+        position = sample_position(low, high, rng)
+        if distribution.layout != "target_at_edge" or border.distance(shapely.Point(position)) <= EDGE_DISTANCE:
+            return np.array(position)
+    raise ConfigError(
+        f"No target region was found in {_ATTEMPTS_PER_TARGET} attempts: scene.layout={distribution.layout} wants it "
+        f"within {EDGE_DISTANCE:g} m of an edge, which is hardly ever on scene.surface_side="
+        f"{distribution.surface_side:g} m. Decrease scene.surface_side."
+    )
 
 
-def _is_behind(objects: tuple[ObjectShape, ...], poses: FloatArray, gripper_pose: FloatArray) -> bool:
+def _is_behind(outlines: list[FloatArray], poses: FloatArray, gripper_pose: FloatArray) -> bool:
     """Whether an obstacle intersects the segment from the gripper to the desired object."""
     segment = shapely.LineString([gripper_pose[:2], poses[0, :2]])
-    outlines = [geometry.to_world(shape.outline, pose) for shape, pose in zip(objects[1:], poses[1:], strict=True)]
-    return any(segment.intersects(shapely.Polygon(outline)) for outline in outlines)
+    obstacles = [geometry.to_world(outline, pose) for outline, pose in zip(outlines[1:], poses[1:], strict=True)]
+    return any(segment.intersects(shapely.Polygon(obstacle)) for obstacle in obstacles)
 
 
-def _sample_shape(distribution: SceneDistribution, rng: np.random.Generator) -> ObjectShape:
-    """A convex polygon whose vertices lie on an ellipse at jittered, equally spaced angles."""
+def _sample_outline(distribution: SceneDistribution, rng: np.random.Generator) -> FloatArray:
+    """A convex polygon, centred, whose vertices lay on an ellipse at jittered, equally spaced angles."""
     shape_classes = SIZE_CLASSES[distribution.object_size]
     shape_class = shape_classes[rng.integers(len(shape_classes))]
     half_length = rng.uniform(*shape_class.half_length)
@@ -182,7 +270,7 @@ def _sample_shape(distribution: SceneDistribution, rng: np.random.Generator) -> 
     num_vertices = int(rng.integers(distribution.num_vertices[0], distribution.num_vertices[1] + 1))
     angles = 2.0 * np.pi * (np.arange(num_vertices) + rng.uniform(-0.3, 0.3, num_vertices)) / num_vertices
     outline = np.stack([half_length * np.cos(angles), half_width * np.sin(angles)], axis=1)
-    return ObjectShape.centred(outline, distribution.density, distribution.friction)
+    return centred(outline)[0]
 
 
 def _sample_gripper_pose(distribution: SceneDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -197,38 +285,3 @@ def _sample_gripper_pose(distribution: SceneDistribution, edges: FloatArray, rng
     position = position + rng.uniform(*distribution.start_distance) * inward
     heading = np.arctan2(inward[1], inward[0]) + rng.uniform(-1.0, 1.0) * distribution.start_angle
     return np.array([*position, heading])
-
-
-def _place_objects(
-    distribution: SceneDistribution,
-    objects: tuple[ObjectShape, ...],
-    edges: FloatArray,
-    target: TargetRegion,
-    obstacles: list[shapely.Polygon],
-    rng: np.random.Generator,
-) -> FloatArray | None:
-    """[m, 3] poses by rejection sampling, or None if there was no place for an object."""
-    clearance = distribution.clearance
-    surface = shapely.Polygon(edges).buffer(-clearance)
-    occupied = list(obstacles)
-    poses = []
-    for number, shape in enumerate(objects):
-        for _ in range(_ATTEMPTS_PER_OBJECT):
-            pose = np.array([*_sample_position(edges, rng), rng.uniform(-np.pi, np.pi)])
-            if number == 0 and not _may_start(distribution.layout, pose[:2], edges, target):
-                continue
-            outline = shapely.Polygon(geometry.to_world(shape.outline, pose))
-            if surface.contains(outline) and (shapely.distance(outline, occupied) >= clearance).all():
-                occupied.append(outline)
-                poses.append(pose)
-                break
-        else:
-            return None
-    return np.array(poses)
-
-
-def _may_start(layout: Layout, position: FloatArray, edges: FloatArray, target: TargetRegion) -> bool:
-    """Whether the desired object may start with its centre at ``position`` [2]."""
-    if np.hypot(*(position - target.position)) <= target.radius:
-        return False
-    return layout != "object_in_corner" or bool(np.linalg.norm(edges - position, axis=1).min() <= CORNER_DISTANCE)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
+from visualrhp.scene.contours import collision_outline, is_number
 from visualrhp.scene.decomposition import convex_parts
 from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.polygons import (
@@ -23,12 +25,15 @@ from visualrhp.types import FloatArray, IntArray, State
 
 __all__ = [
     "CENTRE_TOLERANCE",
+    "MAX_DENSITY",
+    "MAX_FRICTION",
     "MIN_OBJECT_AREA",
     "MIN_OBJECT_THICKNESS",
     "ObjectShape",
     "Scene",
     "TargetRegion",
     "TaskInstance",
+    "centred",
     "read_only",
     "square_edges",
 ]
@@ -36,12 +41,39 @@ __all__ = [
 CENTRE_TOLERANCE = 1e-9
 """How far the centre of mass of an outline may be from the origin of its frame [m], in x and in y."""
 
+MAX_DENSITY = 1e4
+"""Largest density [kg/m^2] in scene files and random scenes."""
+
+MAX_FRICTION = 10.0
+"""Largest friction coefficient in scene files and random scenes."""
+
 _ANGLES = 2.0 * np.pi * np.arange(32) / 32
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
+def centred(outline: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """An outline [V, 2] moved so that its centre of area is the origin, and where [2] that centre was."""
+    moved, position = outline, np.zeros(2)
+    for _ in range(3):  # rounding leaves an offset, which a second shift removes
+        shift = geometry.centroid(moved)
+        moved = moved - shift
+        position = position + shift
+    return moved, position
+
+
+class _ReadOnlyArrays:
+    """Keeps the arrays of an unpickled or deep-copied object read-only, which NumPy restores writable."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            for array in value if isinstance(value, tuple) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
+        self.__dict__.update(state)
+
+
 @dataclass(frozen=True, eq=False)
-class ObjectShape:
+class ObjectShape(_ReadOnlyArrays):
     """A rigid object: a simple polygon, convex or not, of uniform density.
 
     Attributes:
@@ -69,8 +101,8 @@ class ObjectShape:
                 "ObjectShape.centred moves it there"
             )
         for name in ("density", "friction", "turning_resistance"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise SceneError(f"an object's {name} must be positive, not {getattr(self, name)}")
+            if not (is_number(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise SceneError(f"an object's {name} must be positive, not {getattr(self, name)!r:.100}")
         object.__setattr__(self, "outline", outline)
 
     @classmethod
@@ -96,11 +128,7 @@ class ObjectShape:
             checked_polygon(given, "an object's outline", solid=True)
         if not geometry.signed_area(given) > 0.0:  # without an area, there is no centre
             checked_polygon(given, "an object's outline", solid=True)
-        moved, position = given, np.zeros(2)
-        for _ in range(3):  # rounding leaves an offset, which a second shift removes
-            shift = geometry.centroid(moved)
-            moved = moved - shift
-            position = position + shift
+        moved, position = centred(given)
         try:
             return cls(moved, density, friction), position
         except SceneError:
@@ -109,15 +137,24 @@ class ObjectShape:
 
     @classmethod
     def from_contour(
-        cls, points: npt.ArrayLike, tolerance: float = 1e-3, density: float = 1.0, friction: float = 0.3
+        cls, points: Any, tolerance: float = 1e-3, density: float = 1.0, friction: float = 0.3
     ) -> ObjectShape:
-        """Make a shape from a camera contour: hundreds of points [N, 2], in any frame and with either orientation.
+        """Make a shape from a camera contour: hundreds of points, in any frame and with either orientation.
 
         The outline deviates from the contour by at most ``tolerance`` [m] and is centred. For the position of its
         centre in the frame of the points, use :func:`visualrhp.scene.geometry.simplify_contour` and :meth:`located`.
 
+        Args:
+            points: an array or a list [N, 2], OpenCV's contour [N, 1, 2], or a shapely polygon or ring; in metres.
+            tolerance: [m].
+            density: as the constructor.
+            friction: as the constructor.
+
         Raises:
-            SceneError: the contour is degenerate, or as the constructor.
+            SceneError: the points are no contour or a degenerate one, or as the constructor.
+
+        Warns:
+            UserWarning: the contour is longer than a metre, and so probably in millimetres or pixels.
         """
         return cls.centred(geometry.simplify_contour(points, tolerance), density, friction)
 
@@ -125,12 +162,21 @@ class ObjectShape:
     def convex_parts(self) -> tuple[FloatArray, ...]:
         """Convex polygons [V, 2] in the body frame, counter-clockwise, whose union is the outline; they may overlap.
 
-        The outline itself, unchanged, if it is convex.
+        The outline itself, unchanged, if it is convex. With very many vertices, see :attr:`contact_tolerance`.
         """
         parts = convex_parts(self.outline)
         for part in parts:
             part.setflags(write=False)
         return parts
+
+    @cached_property
+    def contact_tolerance(self) -> float:
+        """How far the outline that collides deviates at most from :attr:`outline` [m].
+
+        0 for convex outlines, and for others of up to :data:`visualrhp.scene.contours.MAX_EXACT_VERTICES`.
+        """
+        reduced = None if geometry.is_convex(self.outline) else collision_outline(self.outline)
+        return 0.0 if reduced is None else reduced[1]
 
     @cached_property
     def area(self) -> float:
@@ -164,7 +210,7 @@ class ObjectShape:
 
 
 @dataclass(frozen=True, eq=False)
-class TargetRegion:
+class TargetRegion(_ReadOnlyArrays):
     """The disc into which the desired object is to be moved.
 
     Attributes:
@@ -178,9 +224,9 @@ class TargetRegion:
     def __post_init__(self) -> None:
         position = read_only(self.position)
         if position.shape != (2,) or not np.isfinite(position).all():
-            raise SceneError(f"the target region's position must be two finite numbers, not {position.tolist()}")
-        if not (np.isfinite(self.radius) and self.radius > 0.0):
-            raise SceneError(f"the target region's radius must be positive, not {self.radius}")
+            raise SceneError(f"the target region's position must be two finite numbers, not {position.tolist()!s:.200}")
+        if not (is_number(self.radius) and self.radius > 0.0):
+            raise SceneError(f"the target region's radius must be positive, not {self.radius!r:.100}")
         object.__setattr__(self, "position", position)
 
     def __eq__(self, other: object) -> bool:
@@ -198,7 +244,7 @@ def square_edges(side: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(_ReadOnlyArrays):
     """The fixed part of a task: ``edges``, ``tarReg`` and ``ver`` of Sec. 4.
 
     Attributes:
@@ -218,7 +264,12 @@ class Scene:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "edges", checked_polygon(self.edges, "the surface", solid=False))
-        object.__setattr__(self, "objects", tuple(self.objects))
+        if not isinstance(self.target, TargetRegion) or not isinstance(self.gripper, Gripper):
+            raise SceneError("a scene has a target (TargetRegion), objects and edges, and may have a gripper (Gripper)")
+        objects = self.objects if isinstance(self.objects, list | tuple) else ()
+        if not all(isinstance(shape, ObjectShape) for shape in objects):
+            raise SceneError("the objects of a scene are a tuple of ObjectShape; the desired object comes first")
+        object.__setattr__(self, "objects", tuple(objects))
         if not self.objects:
             raise SceneError("a scene has no objects; the desired object comes first")
         if not geometry.contains(self.edges, *self.target.position):
@@ -275,7 +326,7 @@ class TaskInstance:
         if self.state.num_objects != self.scene.num_objects:
             raise SceneError(f"the state has {self.state.num_objects} objects and the scene {self.scene.num_objects}")
         if not np.isfinite(self.state.vector).all():
-            raise SceneError(f"the state has a number that is not finite: {self.state.vector.tolist()}")
+            raise SceneError(f"the state has a number that is not finite: {self.state.vector.tolist()!s:.300}")
         fault = self.scene.gripper.opening_fault(self.state.gripper_opening)
         if fault is not None:
             raise SceneError(f"the gripper's opening {fault}")

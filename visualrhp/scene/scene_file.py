@@ -11,41 +11,46 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from visualrhp.errors import SceneError
 from visualrhp.files import write_text
 from visualrhp.scene import geometry
+from visualrhp.scene.contours import MAX_VERTICES
 from visualrhp.scene.gripper import Gripper
 from visualrhp.scene.polygons import polygon_fault
 from visualrhp.scene.scene import CENTRE_TOLERANCE, ObjectShape, Scene, TargetRegion, TaskInstance
+from visualrhp.scene.scene_document import (
+    MAX_BYTES,
+    MOST_FAULTS,
+    Fault,
+    SceneDocument,
+    Where,
+    fault_lines,
+    shortened,
+    worded,
+)
 from visualrhp.scene.start import field_path, start_faults
 from visualrhp.types import FloatArray, State
 
 if TYPE_CHECKING:
     from visualrhp.scene.scene_schema import ObjectFields, SceneFields
 
+MAX_OBJECTS = 500
+"""Largest number of objects in a scene file."""
+
 _SUFFIXES = (".yaml", ".yml", ".json")
 _HEADER = (
     "# Task instance of visualrhp. SI units, radians; world frame: x right, y up. The desired object comes first.\n"
 )
 _START_DISTANCE = 0.03
-_MAX_DEPTH = 16
-
-_Path = tuple[str | int, ...]
-_Node = Any  # of ruamel.yaml, which is imported lazily so that `import visualrhp.scene` stays fast
-
-
-class _Fault(NamedTuple):
-    where: _Path
-    message: str
-    node: _Node | None = None
+_MAX_VERTICES = 20_000  # of all outlines of a scene file together
 
 
 def load_task_instance(path: str | os.PathLike[str]) -> TaskInstance:
@@ -53,14 +58,14 @@ def load_task_instance(path: str | os.PathLike[str]) -> TaskInstance:
 
     Raises:
         SceneError: the file cannot be read, is not YAML or JSON, does not follow the schema, or cannot be simulated (a
-            degenerate polygon, an overlapping start, an object off the surface). Each line of the
-            message starts with file, line, column and field.
+            degenerate polygon, an overlapping start, an object off the surface). Each line of the message starts with
+            file, line, column and field; of many faults, the first are shown.
     """
     source = Path(path)
-    document = _Document(source, _read(source))
+    document = SceneDocument(source, _read(source))
     fields = _validated(document)
     instance = _task_instance(document, fields)
-    document.refuse([_Fault(*fault) for fault in start_faults(instance.scene, instance.state)])
+    document.refuse([Fault(*fault) for fault in start_faults(instance.scene, instance.state)])
     return instance
 
 
@@ -76,11 +81,17 @@ def save_task_instance(path: str | os.PathLike[str], instance: TaskInstance) -> 
     destination = Path(path)
     _check_suffix(destination)
     content = _content(instance)
-    faults = [*_schema_faults(content)[1], *(_Fault(*fault) for fault in start_faults(instance.scene, instance.state))]
+    faults = [*_schema_faults(content)[1], *(Fault(*fault) for fault in start_faults(instance.scene, instance.state))]
+    start = f"{shortened(str(destination), 200)}: not written, since it could not be read again"
     if faults:
-        lines = [f"{field_path(fault.where)}: {fault.message}" for fault in faults]
-        raise SceneError("\n".join([f"{destination}: not written, since it could not be read again", *lines]))
-    write_text(destination, json.dumps(content, indent=2) + "\n" if destination.suffix == ".json" else _yaml(content))
+        lines = [f"{field_path(fault.where)}: {shortened(fault.message)}" for fault in faults]
+        raise SceneError(fault_lines([start, *lines]))
+    text = json.dumps(content, indent=2) + "\n" if destination.suffix == ".json" else _yaml(content)
+    if len(text) > MAX_BYTES:
+        raise SceneError(f"{start}: it would have {len(text)} characters, and at most {MAX_BYTES} are read")
+    if destination.suffix != ".json":
+        SceneDocument(destination, text)  # which has not too many values for YAML
+    write_text(destination, text)
 
 
 def scene_file_schema() -> dict[str, Any]:
@@ -98,120 +109,67 @@ def _check_suffix(path: Path) -> None:
 
 def _read(source: Path) -> str:
     _check_suffix(source)
+    name = shortened(str(source), 200)
     try:
-        return source.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"{source}: cannot be read ({error.strerror}); it should be a scene file") from error
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{source}: is not text in UTF-8 ({error}); it should be a scene file") from error
+        if source.exists() and not source.is_file():
+            raise SceneError(f"{name}: is a folder or a device; it should be a scene file")
+        with source.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise SceneError(
+                f"{name}: has more than {MAX_BYTES} bytes; it should be a scene file, whose outlines have under 100 "
+                "vertices each (ObjectShape.from_contour reduces their number)"
+            )
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except (OSError, ValueError) as error:
+        if isinstance(error, UnicodeDecodeError):
+            raise SceneError(f"{name}: is not text in UTF-8 ({error}); it should be a scene file") from error
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise SceneError(f"{name}: cannot be read ({reason}); it should be a scene file") from error
 
 
-class _Document:
-    """The nodes of a YAML or JSON text, with their positions."""
-
-    def __init__(self, source: Path, text: str) -> None:
-        from ruamel.yaml import YAML
-        from ruamel.yaml.error import MarkedYAMLError, YAMLError
-
-        self._source = source
-        self._values: dict[int, Any] = {}
-        if source.suffix == ".json":
-            self._check_json(text)
-            text = text.replace("\t", " ")  # tabs are white space in JSON, but not in YAML, whose parser reads both
-        loader = YAML(typ="safe", pure=True)  # builds only numbers, strings, lists and mappings
-        try:
-            self._root = loader.compose(text)
-            if self._root is None:
-                raise SceneError(f"{source}: is empty; it should be a scene file")
-            self.content = self._value(self._root, loader.constructor, ())
-        except MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-            problem = error.problem or error.context
-            raise SceneError(f"{source}{place}: is not a YAML file of plain values: {problem}") from error
-        except (YAMLError, RecursionError, ValueError) as error:
-            raise SceneError(f"{source}: is not a YAML file of plain values: {error}") from error
-
-    def _check_json(self, text: str) -> None:
-        try:
-            json.loads(text)
-        except json.JSONDecodeError as error:
-            raise SceneError(f"{self._source}:{error.lineno}:{error.colno}: is not JSON: {error.msg}") from error
-        except (RecursionError, ValueError) as error:
-            raise SceneError(f"{self._source}: is not JSON of a scene: {error}") from error
-
-    def _value(self, node: _Node, constructor: Any, where: _Path) -> Any:
-        """The plain value of a node, built once for all its aliases.
-
-        Duplicate keys, keys that are not plain values, and recursive aliases are rejected.
-        """
-        if id(node) in self._values:
-            return self._values[id(node)]
-        if len(where) > _MAX_DEPTH:
-            self.refuse([_Fault(where[:3], "is nested too deeply for a scene", node)])
-        if node.id == "sequence":
-            value = [self._value(child, constructor, (*where, index)) for index, child in enumerate(node.value)]
-        elif node.id == "mapping":
-            value = {}
-            for key, child in node.value:
-                if key.id != "scalar":
-                    self.refuse([_Fault(where, "has a key that is not the name of a field", key)])
-                name = str(key.value)
-                if name in value:
-                    self.refuse([_Fault((*where, name), "occurs twice; remove one", key)])
-                value[name] = self._value(child, constructor, (*where, name))
-        else:
-            value = constructor.construct_object(node)
-        self._values[id(node)] = value
-        return value
-
-    def refuse(self, faults: Sequence[_Fault]) -> None:
-        """Raise an error with the line and column of each fault, if there are any."""
-        lines = []
-        for fault in faults:
-            mark = (fault.node or self._node(fault.where)).start_mark
-            place = f"{self._source}:{mark.line + 1}:{mark.column + 1}"
-            lines.append(f"{place}: {field_path(fault.where) or 'the scene'}: {fault.message}")
-        if lines:
-            raise SceneError("\n".join(lines))
-
-    def _node(self, where: _Path) -> _Node:
-        """The node at a path, or the innermost node around it in the file; the key node for an unknown field."""
-        node = self._root
-        for key in where:
-            children = dict(_children(node))
-            if key not in children:
-                break
-            node = children[key]
-        return node
-
-    def key_node(self, where: _Path) -> _Node:
-        """The key of the mapping that holds the value at a path."""
-        parent = self._node(where[:-1])
-        return next(key for key, _ in parent.value if key.value == where[-1])
-
-
-def _children(node: _Node) -> Iterator[tuple[str | int, _Node]]:
-    if node.id == "sequence":
-        yield from enumerate(node.value)
-    elif node.id == "mapping":
-        yield from ((str(key.value), child) for key, child in node.value)
-
-
-def _validated(document: _Document) -> SceneFields:
+def _validated(document: SceneDocument) -> SceneFields:
+    document.refuse(list(_size_faults(document.content)))
     fields, faults = _schema_faults(document.content)
-    document.refuse(
-        [f._replace(node=document.key_node(f.where)) if f.message.startswith(_UNKNOWN) else f for f in faults]
-    )
+    document.refuse(faults)
     assert fields is not None
     return fields
+
+
+def _size_faults(content: Any) -> Iterator[Fault]:
+    """What would take long to check: a text with aliases can hold more values than it has characters."""
+    if not isinstance(content, dict):
+        return
+    objects = content.get("objects")
+    objects = objects if isinstance(objects, list) else []
+    if len(objects) > MAX_OBJECTS:
+        yield Fault(("objects",), f"has {len(objects)} entries; at most {MAX_OBJECTS} objects are possible")
+        return
+    polygons = [(("edges",), content.get("edges"))]
+    polygons += [
+        (("objects", number, "outline"), entry.get("outline"))
+        for number, entry in enumerate(objects)
+        if isinstance(entry, dict)
+    ]
+    lengths = [(where, len(polygon)) for where, polygon in polygons if isinstance(polygon, list)]
+    total = sum(length for _, length in lengths)
+    for where, length in lengths:
+        if length > MAX_VERTICES:
+            yield Fault(
+                where,
+                f"has {length} vertices; at most {MAX_VERTICES} are possible, and under 100 are fast to simulate: "
+                "ObjectShape.from_contour(points, tolerance) reduces their number",
+            )
+            return
+    if total > _MAX_VERTICES:
+        yield Fault(("objects",), f"has {total} vertices in all outlines; at most {_MAX_VERTICES} are possible")
 
 
 _UNKNOWN = "is not a field"
 
 
-def _schema_faults(content: Any) -> tuple[SceneFields | None, list[_Fault]]:
-    """The fields, or their faults."""
+def _schema_faults(content: Any) -> tuple[SceneFields | None, list[Fault]]:
+    """The fields, or their faults; only the first are put into words."""
     from pydantic import ValidationError
 
     from visualrhp.scene.scene_schema import SceneFields
@@ -219,23 +177,27 @@ def _schema_faults(content: Any) -> tuple[SceneFields | None, list[_Fault]]:
     try:
         return SceneFields.model_validate(content), []
     except ValidationError as error:
-        return None, [_schema_fault(detail) for detail in error.errors(include_url=False, include_context=False)]
+        details = error.errors(include_url=False, include_context=False)
+        return None, [
+            _schema_fault(detail) if worded(number, len(details)) else Fault(detail["loc"], "is wrong, too")
+            for number, detail in enumerate(details)
+        ]
 
 
-def _schema_fault(detail: Any) -> _Fault:
+def _schema_fault(detail: Any) -> Fault:
     """Rephrase one of pydantic's errors: the problem and the expected value."""
-    where: _Path = detail["loc"]
+    where: Where = detail["loc"]
     known = _fields_of(where[:-1])
     if detail["type"] == "extra_forbidden":
-        similar = get_close_matches(str(where[-1]), known, n=1)
+        similar = get_close_matches(str(where[-1])[:60], known, n=1)
         hint = f"did you mean {similar[0]}?" if similar else f"there are {', '.join(known)}"
-        return _Fault(where, f"{_UNKNOWN}; {hint}")
+        return Fault(where, f"{_UNKNOWN}; {hint}", at_key=True)
     right = _description(where)
     match detail["type"]:
         case "missing" if isinstance(where[-1], str):
-            return _Fault(where, f"is missing; expected: {right}")
+            return Fault(where, f"is missing; expected: {right}")
         case "missing":
-            return _Fault(where[:-1], f"has too few numbers; expected: {right}")
+            return Fault(where[:-1], f"has too few numbers; expected: {right}")
         case "too_short" | "too_long":
             message = f"has {len(detail['input'])} entries"
         case "model_type":
@@ -244,7 +206,7 @@ def _schema_fault(detail: Any) -> _Fault:
             message = f"is {_shown(detail['input'])}; angles are in radians, from -2 pi to 2 pi"
         case _:
             message = detail["msg"].replace("Input should be", "should be") + f", not {_shown(detail['input'])}"
-    return _Fault(where, f"{message}; expected: {right}")
+    return Fault(where, f"{message}; expected: {right}")
 
 
 def _shown(value: Any) -> str:
@@ -253,11 +215,14 @@ def _shown(value: Any) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, dict):
         return f"a mapping of {len(value)}"
-    text = json.dumps(value, default=str)
+    try:
+        text = json.dumps(value[:60] if isinstance(value, str) else value, default=str)
+    except ValueError:  # an integer of thousands of digits
+        return "a very large number"
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _fields_of(where: _Path) -> dict[str, str]:
+def _fields_of(where: Where) -> dict[str, str]:
     """Names and descriptions of the fields of the mapping at a path."""
     from visualrhp.scene import scene_schema
 
@@ -271,7 +236,7 @@ def _fields_of(where: _Path) -> dict[str, str]:
     return {field.alias or name: field.description or "" for name, field in model.model_fields.items()}
 
 
-def _description(where: _Path) -> str:
+def _description(where: Where) -> str:
     """The description of the innermost named field of a path."""
     names = [index for index, key in enumerate(where) if isinstance(key, str)]
     if not names:
@@ -279,26 +244,28 @@ def _description(where: _Path) -> str:
     return _fields_of(where[: names[-1]]).get(str(where[names[-1]]), "a mapping of fields")
 
 
-def _task_instance(document: _Document, fields: SceneFields) -> TaskInstance:
+def _task_instance(document: SceneDocument, fields: SceneFields) -> TaskInstance:
     polygons = [(("edges",), fields.edges, False)]
     polygons += [(("objects", number, "outline"), entry.outline, True) for number, entry in enumerate(fields.objects)]
     faults = []
     for where, vertices, solid in polygons:
+        if len(faults) > MOST_FAULTS:
+            break
         fault = polygon_fault(np.array(vertices, dtype=np.float64), solid)
         if fault is not None:
-            faults.append(_Fault(where if fault.vertex is None else (*where, fault.vertex), fault.message))
+            faults.append(Fault(where if fault.vertex is None else (*where, fault.vertex), fault.message))
     document.refuse(faults)
     edges = np.array(fields.edges, dtype=np.float64)
     position = np.array(fields.target.position, dtype=np.float64)
     if not geometry.contains(edges, *position):
-        document.refuse([_Fault(("target", "position"), f"{position.tolist()} is not on the surface, within edges")])
+        document.refuse([Fault(("target", "position"), f"{position.tolist()} is not on the surface, within edges")])
     gripper = Gripper(**fields.gripper.model_dump())
     shapes, poses = zip(*(_placed_object(entry) for entry in fields.objects), strict=True)
     start = fields.start
     opening = start.opening if start.opening is not None else 0.0 if start.closed else gripper.stroke
     fault = gripper.opening_fault(opening)
     if fault is not None:
-        document.refuse([_Fault(("start", "opening"), fault)])
+        document.refuse([Fault(("start", "opening"), fault)])
     gripper_pose = _default_gripper_pose(edges) if start.pose is None else start.pose
     state = State.create(gripper_pose, opening, start.closed, poses)
     return TaskInstance(Scene(TargetRegion(position, fields.target.radius), shapes, edges, gripper), state)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from visualrhp.scene.gripper import MAX_STROKE, Gripper
 from visualrhp.scene.polygons import MAX_COORDINATE
-from visualrhp.scene.scene import ObjectShape, TargetRegion, square_edges
+from visualrhp.scene.scene import MAX_DENSITY, MAX_FRICTION, ObjectShape, TargetRegion, square_edges
 
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi, allow_inf_nan=False)]
@@ -58,10 +58,10 @@ class ObjectFields(Fields):
     pose: Pose = Field(
         (0.0, 0.0, 0.0), description="frame of the outline (x [m], y [m], theta [rad]) in the world frame"
     )
-    density: Annotated[float, Field(gt=0.0, le=1e4, allow_inf_nan=False)] = Field(
+    density: Annotated[float, Field(gt=0.0, le=MAX_DENSITY, allow_inf_nan=False)] = Field(
         ObjectShape.density, description="mass per area [kg/m^2]"
     )
-    friction: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] = Field(
+    friction: Annotated[float, Field(gt=0.0, le=MAX_FRICTION, allow_inf_nan=False)] = Field(
         ObjectShape.friction, description="Coulomb coefficient"
     )
     turning_resistance: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] = Field(

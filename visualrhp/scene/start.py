@@ -18,6 +18,10 @@ MAX_START_OVERLAP = 2e-3
 """Largest penetration of two bodies at the start [m], which jams between the fingers can cause."""
 
 
+_MOST_SHOWN = 8
+_MOST_OVERLAPS = 100
+
+
 class StartFault(NamedTuple):
     """A defect of an initial state.
 
@@ -39,15 +43,18 @@ def check_start(scene: Scene, state: State) -> None:
         SceneError: the number of objects is not that of the scene, a number is not finite, the commanded gripper state
             is neither 0 nor 1, the opening is outside [0, stroke], an object's centre is outside the edges, or two
             bodies (including the gripper) penetrate each other by more than :data:`MAX_START_OVERLAP`. The
-            message has one line for each fault.
+            message has one line for each of the first faults.
     """
     faults = list(start_faults(scene, state))
     if faults:
-        raise SceneError("\n".join(f"{field_path(fault.where)}: {fault.message}" for fault in faults))
+        lines = [f"{field_path(fault.where)}: {fault.message}" for fault in faults[:_MOST_SHOWN]]
+        if len(faults) > _MOST_SHOWN:
+            lines.append(f"... and {len(faults) - _MOST_SHOWN} more faults")
+        raise SceneError("\n".join(lines))
 
 
 def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
-    """All faults that :func:`check_start` reports."""
+    """The faults that :func:`check_start` reports; of many overlaps, the first."""
     if state.num_objects != scene.num_objects:
         yield StartFault(("objects",), f"the state has {state.num_objects} objects and the scene {scene.num_objects}")
         return
@@ -70,8 +77,9 @@ def start_faults(scene: Scene, state: State) -> Iterator[StartFault]:
 
 
 def _misplaced(scene: Scene, state: State) -> Iterator[StartFault]:
+    on_surface = geometry.contains_each(scene.edges, state.object_positions)
     for number, (x, y) in enumerate(state.object_positions.tolist()):
-        if not geometry.contains(scene.edges, x, y):
+        if not on_surface[number]:
             message = f"puts the centre of mass of objects[{number}] at ({x:.4g}, {y:.4g}), which is not on the surface"
             yield StartFault(("objects", number, "pose"), message)
 
@@ -84,17 +92,18 @@ def _overlapping(scene: Scene, state: State) -> Iterator[StartFault]:
     bodies = np.array([shapely.Polygon(outline) for outline in outlines])
     count = scene.num_objects
     names = [f"objects[{number}]" for number in range(count)] + ["the palm", "the left finger", "the right finger"]
-    first, second = np.triu_indices(len(bodies), 1)
-    first, second = first[first < count], second[first < count]  # parts of the gripper may touch each other
-    touching = shapely.intersects(bodies[first], bodies[second])
-    for a, b in zip(first[touching].tolist(), second[touching].tolist(), strict=True):
-        if shapely.intersects(*shapely.buffer(bodies[[a, b]], -0.5 * MAX_START_OVERLAP)):
-            x, y = shapely.get_coordinates(shapely.centroid(shapely.intersection(bodies[a], bodies[b])))[0]
-            message = (
-                f"objects[{a}] and {names[b]} overlap around ({x:.3f}, {y:.3f}) by more than "
-                f"{1e3 * MAX_START_OVERLAP:g} mm; move them apart"
-            )
-            yield StartFault(("objects", b if b < count else a, "pose"), message)
+    pairs = shapely.STRtree(bodies).query(bodies, predicate="intersects").T
+    pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & (pairs[:, 0] < count)]  # parts of the gripper may touch each other
+    cores, involved = bodies.copy(), np.unique(pairs)
+    cores[involved] = shapely.buffer(bodies[involved], -0.5 * MAX_START_OVERLAP)
+    pairs = pairs[shapely.intersects(cores[pairs[:, 0]], cores[pairs[:, 1]])]
+    for a, b in sorted(pairs.tolist())[:_MOST_OVERLAPS]:
+        x, y = shapely.get_coordinates(shapely.centroid(shapely.intersection(bodies[a], bodies[b])))[0]
+        message = (
+            f"objects[{a}] and {names[b]} overlap around ({x:.3f}, {y:.3f}) by more than "
+            f"{1e3 * MAX_START_OVERLAP:g} mm; move them apart"
+        )
+        yield StartFault(("objects", b if b < count else a, "pose"), message)
 
 
 def field_path(where: tuple[str | int, ...]) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Final, get_args
 
 import numpy as np
 
-from visualrhp.errors import ActionError, ConfigError
+from visualrhp.errors import ActionError, ConfigError, SceneError
+from visualrhp.scene.contours import numbers
 from visualrhp.types import Action, ActionSpaceName
 
 MAX_TRANSLATION: Final = 0.1
@@ -39,11 +41,15 @@ class GripperMotion:
     closed: bool | None = None
 
     def __post_init__(self) -> None:
-        if not (
-            abs(self.forward) <= MAX_TRANSLATION
-            and abs(self.left) <= MAX_TRANSLATION
-            and abs(self.rotation) <= MAX_ROTATION
-        ):
+        try:
+            is_possible = (
+                abs(self.forward) <= MAX_TRANSLATION
+                and abs(self.left) <= MAX_TRANSLATION
+                and abs(self.rotation) <= MAX_ROTATION
+            )
+        except TypeError as error:
+            raise ActionError(f"a motion consists of numbers, in metres and radians, not {self!r:.200}") from error
+        if not is_possible:
             raise ActionError(
                 f"a motion is at most {MAX_TRANSLATION} m along each axis and {MAX_ROTATION:.4f} rad of rotation, not "
                 f"{self.forward} m, {self.left} m and {self.rotation} rad; divide it into several motions"
@@ -107,9 +113,10 @@ class DiscreteActionSpace(ActionSpace):
     )
 
     def _index(self, action: Action) -> int:
-        if isinstance(action, (int, np.integer)) and 0 <= action < self.NUM_ACTIONS:
+        is_integer = isinstance(action, (int, np.integer)) and not isinstance(action, bool)
+        if is_integer and 0 <= action < self.NUM_ACTIONS:
             return int(action)
-        raise ActionError(f"a discrete action is an integer from 0 to {self.NUM_ACTIONS - 1}, not {action!r}")
+        raise ActionError(f"a discrete action is an integer from 0 to {self.NUM_ACTIONS - 1}, not {_shown(action)}")
 
     def motion(self, action: Action) -> GripperMotion:
         return self._MOTIONS[self._index(action)]
@@ -142,11 +149,22 @@ class ContinuousActionSpace(ActionSpace):
     ROTATION: Final = MAX_ROTATION
 
     def _components(self, action: Action) -> list[float]:
-        components = np.asarray(action, dtype=np.float64)
-        values = components.tolist()
-        if components.shape != (self.DIMENSION,) or not math.isfinite(sum(values)):
-            raise ActionError(f"a continuous action is an array of {self.DIMENSION} finite numbers, not {action!r}")
+        if not (type(action) is np.ndarray and action.dtype in (np.float64, np.float32)):
+            action = self._as_numbers(action)
+        values = action.tolist()
+        if action.shape != (self.DIMENSION,) or not math.isfinite(sum(values)):
+            raise ActionError(self._fault(action))
         return values
+
+    def _as_numbers(self, action: object) -> np.ndarray:
+        """What is no array of floats as one; booleans, text, complex numbers and dates are no numbers."""
+        try:
+            return numbers(action, "")
+        except SceneError as error:
+            raise ActionError(self._fault(action)) from error
+
+    def _fault(self, action: object) -> str:
+        return f"a continuous action is an array of {self.DIMENSION} finite numbers, not {_shown(action)}"
 
     def motion(self, action: Action) -> GripperMotion:
         forward, left, rotation, gripper = [min(max(value, -1.0), 1.0) for value in self._components(action)]
@@ -161,6 +179,10 @@ class ContinuousActionSpace(ActionSpace):
         return np.array(self._components(action)) * (1.0, -1.0, -1.0, 1.0)
 
 
+def _shown(action: object) -> str:
+    return f"{action!r:.200}" if isinstance(action, np.ndarray | np.generic) else reprlib.repr(action)
+
+
 _ACTION_SPACES: dict[str, type[ActionSpace]] = {
     space.name: space for space in (DiscreteActionSpace, ContinuousActionSpace)
 }
@@ -172,6 +194,6 @@ def make_action_space(name: ActionSpaceName) -> ActionSpace:
     Raises:
         ConfigError: the name is unknown.
     """
-    if name not in _ACTION_SPACES:
-        raise ConfigError(f"action_space={name!r}: choose one of {', '.join(get_args(ActionSpaceName))}")
+    if not isinstance(name, str) or name not in _ACTION_SPACES:
+        raise ConfigError(f"action_space={name!r:.60}: choose one of {', '.join(get_args(ActionSpaceName))}")
     return _ACTION_SPACES[name]()
