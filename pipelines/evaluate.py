@@ -61,13 +61,12 @@ class Unit:
 def main(config: EvaluateConfig) -> None:
     """Run the missing episodes, and publish the artefact."""
     from pipelines.points import compose_points, network_hashes, prepare
-    from pipelines.workflow.artefacts import git_commit
     from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
     from pipelines.workflow.workspace import open_work
 
     points = prepare(compose_points(config))
-    inputs = network_hashes(points) | {"commit": git_commit() or ""}
+    inputs = network_hashes(points)
     name = "suite" if config.suite is not None else f"{config.planner.name} {config.action_space.name}"
     with open_work(config, STAGE, inputs) as work, open_run(config, STAGE, f"evaluate {name}", work) as run:
         publish(evaluate(config, points, work, run), config.paths.artefact, STAGE)

@@ -34,7 +34,7 @@ def export(config: ExportDemosConfig) -> Path:
             of objects.
     """
     from pipelines.workflow.publishing import check_destination, copy_artefacts, publish
-    from pipelines.workflow.workspace import empty_folder, open_work
+    from pipelines.workflow.workspace import empty_folder, open_work, reserved_paths
     from visualrhp.demonstrations.dataset import DemonstrationSet
     from visualrhp.demonstrations.minari import export_minari
     from visualrhp.demonstrations.parquet import export_parquet
@@ -45,9 +45,9 @@ def export(config: ExportDemosConfig) -> Path:
     name = config.dataset_id if config.format == "minari" else ""
     num_objects = "all" if config.num_objects is None else config.num_objects
     identity = f"{config.format}, num_objects={num_objects}" + (f", {config.observation.name}" if name else "")
-    check = functools.partial(check_destination, folder / name, STAGE, identity)
+    check = functools.partial(check_destination, folder / name, STAGE, identity, reserved_paths(config))
     with open_work(config, STAGE, {"demonstrations": str(card["content_hash"])}, check) as work:
-        copy = copy_artefacts(source, work / "inputs", link=True)
+        copy = copy_artefacts(source, work / "inputs")
         demonstrations = DemonstrationSet.open(copy, config.action_space.name)
         made = empty_folder(work / "artefact")
         if config.format == "parquet":

@@ -39,17 +39,16 @@ _NUM_ROWS = 50
 
 @app(STAGE)
 def main(config: GenerateDemosConfig) -> None:
-    from pipelines.workflow.artefacts import git_commit
     from pipelines.workflow.publishing import check_destination, check_writable, publish
     from pipelines.workflow.tracking import open_run
-    from pipelines.workflow.workspace import open_work
+    from pipelines.workflow.workspace import open_work, reserved_paths
 
     published = Path(config.paths.artefact)
-    # Blocks of other code are not reused: they might not replay. A damaged set is repaired rather than replaced.
-    with open_work(config, STAGE, {"commit": git_commit() or ""}, lambda: check_writable(published.parent)) as work:
+    # A damaged set is repaired rather than replaced.
+    with open_work(config, STAGE, check=lambda: check_writable(published.parent)) as work:
         if is_published(config, published, work):
             return
-        check_destination(published, STAGE)
+        check_destination(published, STAGE, reserved=reserved_paths(config))
         with open_run(config, STAGE, f"demonstrations {config.action_space.name}", work) as run:
             folder = generate(config, work, run)
             for path in sorted(folder.iterdir()):
@@ -92,10 +91,14 @@ def is_published(config: GenerateDemosConfig, folder: Path, work: Path) -> bool:
     A set of other code or of another configuration is not repaired.
     """
     from pipelines.workflow.artefacts import card
+    from pipelines.workflow.publishing import differing_files, read_mark
     from visualrhp.demonstrations.blocks import repair_set
     from visualrhp.demonstrations.dataset import damaged_shards, read_card
     from visualrhp.errors import DataError
 
+    mark = read_mark(folder)
+    if mark is not None and any(not name.startswith("shard") for name in differing_files(folder, mark)):
+        return False
     try:
         found = read_card(folder)
     except DataError:

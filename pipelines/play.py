@@ -55,7 +55,8 @@ def main(config: PlayConfig) -> None:
     stem = file_stem(config, num_objects)
     names = [f"{stem}.webm", f"{stem}.json"]
     check = functools.partial(check_files, config.paths.artefact, names, STAGE)
-    with open_work(config, STAGE, check=check) as work, open_run(config, STAGE, stem, work) as run:
+    inputs = {"network": str(network), "artefact": os.path.abspath(config.paths.artefact)}
+    with open_work(config, STAGE, inputs, check) as work, open_run(config, STAGE, stem, work) as run:
         window = open_window(config)
         try:
             result, world_scene = play(config, instance, planner, window)

@@ -7,6 +7,7 @@ The artefact is a folder with ``index.html``, which is self-contained, and the s
 from __future__ import annotations
 
 import logging
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,10 @@ def main(config: ReportConfig) -> None:
     from pipelines.workflow.tracking import open_run
     from pipelines.workflow.workspace import open_work
 
-    with open_work(config, STAGE) as work, open_run(config, STAGE, STAGE, work) as run:
+    # What it reads is in its outputs, whose content is not part of the name of the work folder.
+    paths = {"artefact": config.paths.artefact, "evaluation": config.evaluation, "training": ", ".join(config.training)}
+    inputs = {name: os.path.abspath(path) for name, path in paths.items()}
+    with open_work(config, STAGE, inputs) as work, open_run(config, STAGE, STAGE, work) as run:
         publish(make_report(config, work, run), config.paths.artefact, STAGE)
     _log.info("The report is %s", Path(config.paths.artefact) / "index.html")
 
@@ -50,7 +54,9 @@ def make_report(config: ReportConfig, work: Path, run: Run) -> Path:
     # Other stages may publish while the planners are filmed.
     inputs = empty_folder(work / "inputs")
     episodes, evaluation = read_evaluation(copy_artefacts(Path(config.evaluation), inputs / "evaluation"))
-    training = [copy_artefacts(Path(folder), inputs) for folder in config.training if Path(folder).is_dir()]
+    training = [
+        copy_artefacts(Path(folder), inputs / "training") for folder in config.training if Path(folder).is_dir()
+    ]
     demonstrations, stability = (
         None if folder is None else copy_artefacts(Path(folder), inputs / name)
         for name, folder in (

@@ -137,7 +137,7 @@ class Inputs:
         if self.networks:
             config = replace(config, heuristic=str(folder))
         if self.demonstrations is not None:
-            copy = copy_artefacts(self.demonstrations, folder, link=True)
+            copy = copy_artefacts(self.demonstrations, folder)
             if read_card(copy).get("content_hash") != self.content_hash:
                 raise DataError(f"{self.demonstrations} was replaced while this command started; run it again")
             config = replace(config, demonstrations=str(copy))

@@ -39,7 +39,6 @@ _JOURNAL = "episodes.jsonl"
 @app(STAGE)
 def main(config: TuneCraftedConfig) -> None:
     """Search, select and check weights, and publish the artefact."""
-    from pipelines.workflow.artefacts import git_commit
     from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
     from pipelines.workflow.workspace import open_work
@@ -50,7 +49,7 @@ def main(config: TuneCraftedConfig) -> None:
     check_libraries()
     name = f"tune crafted heuristic, {' and '.join(config.action_spaces)}"
     with (
-        open_work(config, STAGE, {"commit": git_commit() or ""}) as work,
+        open_work(config, STAGE) as work,
         open_run(config, STAGE, name, work) as run,
     ):
         publish(tune(config, work, run), config.paths.artefact, STAGE)

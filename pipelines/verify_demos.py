@@ -43,7 +43,7 @@ def verify(config: VerifyDemosConfig) -> Path:
     source = Path(config.demonstrations)
     content_hash = str(DemonstrationSet.open(source, config.action_space.name).card["content_hash"])
     with open_work(config, STAGE, {"demonstrations": content_hash}) as work:
-        copy = copy_artefacts(source, work / "inputs", link=True)
+        copy = copy_artefacts(source, work / "inputs")
         demonstrations = DemonstrationSet.open(copy, config.action_space.name)
         summary = replay_all(config, demonstrations)
         print(

@@ -24,6 +24,7 @@ NOT_PART_OF_A_RESULT = {
     "pipelines/config/stages.py": "a schema",
     "pipelines/workflow": "starts, tracks and stores the work; tests show that results do not depend on it",
     "visualrhp/__init__.py": "registers the Gymnasium environment",
+    "visualrhp/documents.py": "checks documents",
     "visualrhp/errors.py": "messages",
     "visualrhp/files.py": "writes files whole or not at all",
     "visualrhp/parameters.py": "checks parameters",

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from visualrhp.parameters import Count, Index, parameters
+from visualrhp.parameters import Count, Field, parameters
 from visualrhp.types import ActionSpaceName
+
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+"""The seed of a run: what every library takes, and a column of integers."""
 
 
 @parameters
@@ -82,7 +85,7 @@ class PipelineConfig:
     """
 
     scale: dict[str, Any]
-    seed: Index
+    seed: Seed
     action_space: ActionSpaceConfig
     device: str
     paths: PathsConfig

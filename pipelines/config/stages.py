@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pipelines.config.common import PipelineConfig
+from pipelines.config.common import PipelineConfig, Seed
 from pipelines.config.groups import (
     ActorCriticImitationLearnerConfig,
     C3POLearnerConfig,
@@ -27,6 +28,14 @@ from visualrhp.scene.noise import NoiseLevel
 from visualrhp.scene.sampling import SceneDistribution
 from visualrhp.simulation.physics import Physics
 from visualrhp.types import ActionSpaceName
+
+
+def check_name(planner: PlannerConfig) -> None:
+    """Check that tables and titles can show the name of a planner."""
+    if not planner.name.strip() or not planner.name.isprintable():
+        raise ValueError(
+            f"planner.name={planner.name!r:.80} cannot be shown in tables; it should have letters, and no line breaks."
+        )
 
 
 @parameters
@@ -183,6 +192,10 @@ class EvaluateConfig(PipelineConfig):
     heuristics: str | None
     suite: dict[str, dict[str, Any]] | None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_name(self.planner)
+
 
 @parameters
 class VideosConfig:
@@ -237,6 +250,15 @@ class ReportConfig(PipelineConfig):
     sweeps: SweepsConfig
     videos: VideosConfig
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [Path(folder).absolute().name for folder in self.training]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"training={list(self.training)} has several folders called {twice[0]}, whose figures would have one "
+                "name; it should have one of each name."
+            )
+
 
 @parameters
 class PlayVideoConfig:
@@ -276,12 +298,16 @@ class PlayConfig(PipelineConfig):
     scene: SceneDistribution
     physics: Physics
     planner: PlannerConfig
-    index: Index
+    index: Seed
     scene_file: str | None
     noise_level: NoiseLevel
     heuristics: str | None
     video: PlayVideoConfig
     live: Literal["auto", True, False]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_name(self.planner)
 
 
 @parameters

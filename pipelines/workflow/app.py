@@ -137,10 +137,15 @@ def _main(config_name: str, task: Task) -> int:
             mistake = mistake_of(error)
             if mistake is None or debug:
                 raise
-            if is_sweep:
+            if is_sweep:  # Hydra raises the first failure of a sweep when all jobs are done
+                print(f"Error in the job {HydraConfig.get().job.override_dirname}:", file=sys.stderr)
+                _report(mistake)
                 raise mistake from error
             failures.append(mistake)
 
+    if message := _unusable_outputs(sys.argv[1:]):
+        print(f"Error: {message}", file=sys.stderr)
+        return 2
     try:
         with _hydra_for_one_run():
             hydra.main(version_base=_VERSION_BASE, config_path=str(CONFIG_FOLDER), config_name=config_name)(run)()
@@ -154,9 +159,25 @@ def _main(config_name: str, task: Task) -> int:
             raise
         failures.append(mistake)
     for failure in failures:
-        text = " ".join(str(failure).split())
-        print(f"Error: {text if len(text) <= _MAX_MESSAGE else text[:_MAX_MESSAGE] + ' ...'}", file=sys.stderr)
+        _report(failure)
     return 2 if failures else 0
+
+
+def _report(failure: Exception) -> None:
+    text = " ".join(str(failure).split())
+    print(f"Error: {text if len(text) <= _MAX_MESSAGE else text[:_MAX_MESSAGE] + ' ...'}", file=sys.stderr)
+
+
+def _unusable_outputs(arguments: Sequence[str]) -> str | None:
+    """What is wrong with ``paths.outputs``, where Hydra writes before the configuration is checked; None if nothing."""
+    for argument in arguments:
+        key, _, value = argument.partition("=")
+        if key.lstrip("+") != "paths.outputs":
+            continue
+        path = value.strip("\"' ")
+        if path in ("", "null", "~") or path.startswith("~/"):
+            return f"paths.outputs={value} is not the path of a folder; it should be like outputs or /data/outputs."
+    return None
 
 
 def _schema_of(task: Task) -> type[PipelineConfig]:
@@ -203,6 +224,8 @@ def mistake_of(error: Exception) -> Exception | None:
         return ConfigError(f"A configuration file is not valid YAML: {error}")
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _config_error(error)
+    if isinstance(error, UnicodeDecodeError | RecursionError) and (explained := _unreadable_configuration()):
+        return explained
     if isinstance(error, TypeError | ValueError) and _is_raised_by_hydra(error):
         return ConfigError(
             "A group has a value that is not the name of one of its files: arguments for groups are group=file, such "
@@ -226,12 +249,12 @@ def _in_sweep_folder(config: Config, taken: set[str]) -> Config:
         artefact = str(
             Path(config.paths.outputs) / "sweeps" / job.name / path_name(job.override_dirname or str(job.num))
         )
-    if os.path.abspath(artefact) in taken:
+    if os.path.realpath(artefact) in taken:
         raise ConfigError(
             f"Two jobs of the sweep would write their results to {artefact}: paths.sweep has to depend on every key "
             "that the sweep varies. The second one was not run."
         )
-    taken.add(os.path.abspath(artefact))
+    taken.add(os.path.realpath(artefact))
     return replace(config, paths=replace(config.paths, artefact=artefact))
 
 
@@ -271,6 +294,21 @@ def _config_error(error: Exception) -> Any:
             "as key=[a,b]."
         )
     return ConfigError(" ".join(re.sub(r"\s*(full_key|object_type|reference_type)[=:].*", "", text).split()))
+
+
+def _unreadable_configuration() -> Exception | None:
+    """The error for the first configuration file that cannot be read; None if all can."""
+    from visualrhp.errors import ConfigError
+
+    for path in sorted(CONFIG_FOLDER.rglob("*.yaml")):
+        try:
+            OmegaConf.create(path.read_text(encoding="utf-8"))
+        except (UnicodeDecodeError, RecursionError) as error:
+            reason = "is not UTF-8" if isinstance(error, UnicodeDecodeError) else "refers to itself"
+            return ConfigError(f"The configuration file {path} {reason}; mend it, or get it back with git.")
+        except Exception:  # reported by Hydra
+            continue
+    return None
 
 
 def _is_raised_by_hydra(error: BaseException) -> bool:

@@ -38,6 +38,19 @@ def content_hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
+@lru_cache(maxsize=1)
+def code_hash() -> str:
+    """SHA-256 of the source files of ``visualrhp`` and ``pipelines``: work that other code began is not continued."""
+    import visualrhp
+
+    found = hashlib.sha256()
+    for folder in (Path(__file__).parents[1], Path(visualrhp.__file__).parent):
+        for path in sorted(folder.rglob("*.py")):
+            content = path.read_bytes()
+            found.update(f"{path.relative_to(folder.parent).as_posix()} {len(content)}\n".encode() + content)
+    return found.hexdigest()
+
+
 def card(config: PipelineConfig, stage: str, **content: Any) -> dict[str, Any]:
     """The content of the JSON card of an artefact: configuration, commit, versions and ``content``.
 
@@ -89,7 +102,10 @@ def result_config_without_locations(config: PipelineConfig) -> dict[str, Any]:
 def _git(*arguments: str) -> str:
     command = ["git", *arguments]
     folder = Path(__file__).parent
-    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=20).stdout.strip()
+    # Variables such as GIT_DIR would name another repository.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    done = subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True, timeout=20)
+    return done.stdout.strip()
 
 
 def _version(package: str) -> str | None:

@@ -11,6 +11,8 @@ MAX_LENGTH: Final = 120
 """Most characters of a name. File systems allow 255 bytes, and suffixes are added; MLflow allows 250."""
 
 _NUM_DIGITS = 8
+_ENDS_IN_DIGEST: Final = re.compile(rf"-[0-9a-f]{{{_NUM_DIGITS}}}$")
+"""Such a text could be the name of another one."""
 
 
 def path_name(text: str) -> str:
@@ -21,7 +23,7 @@ def path_name(text: str) -> str:
     clean = re.sub(r"[^\w.,=+\[\]-]", "_", text, flags=re.ASCII)
     if not clean.strip("."):
         clean = f"_{clean}"
-    return _distinct(clean, text, clean == text)
+    return _distinct(clean, text, clean == text and not _ENDS_IN_DIGEST.search(text))
 
 
 def metric_name(text: str) -> str:
@@ -32,7 +34,7 @@ def metric_name(text: str) -> str:
     clean = re.sub(r"[^\w\-. :/]", "_", text.replace("+", " plus"), flags=re.ASCII)
     if posixpath.normpath(clean) != clean or clean.startswith((".", "/")):  # MLflow takes a name for a path
         clean = "_" + clean.replace("/", "_").replace("..", "__")
-    is_plain = " plus" not in text and clean.replace(" plus", "+") == text
+    is_plain = " plus" not in text and clean.replace(" plus", "+") == text and not _ENDS_IN_DIGEST.search(text)
     return _distinct(clean, text, is_plain)
 
 

@@ -7,10 +7,12 @@ stage refuses to replace it, before it starts to work.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -30,18 +32,27 @@ _MOST_COPIES = 5
 _UNFINISHED = shutil.ignore_patterns(".*.visualrhp-new", ".*.visualrhp-old", ".*.tmp", ".*.tmp.*")
 
 
-def check_destination(destination: str | os.PathLike[str], stage: str, identity: str | None = None) -> None:
+def check_destination(
+    destination: str | os.PathLike[str], stage: str, identity: str | None = None, reserved: Sequence[Path] = ()
+) -> None:
     """Check that ``stage`` can publish an artefact at ``destination``.
 
     Args:
         destination: folder of the artefact.
         stage: the pipeline.
         identity: what the artefact is, where artefacts of one stage must not replace each other.
+        reserved: folders and files of the pipelines themselves, which an artefact must not contain or be in.
 
     Raises:
         StorageError: something that ``stage`` did not make is there, or the folder cannot be made.
     """
     target = _absolute(destination)
+    for own in reserved:
+        if target.is_relative_to(own) or own.is_relative_to(target):
+            raise StorageError(
+                f"paths.artefact={destination} cannot hold an artefact, since {own} belongs to the pipelines. Choose "
+                "another folder with paths.artefact."
+            )
     if reason := _objection(target, stage, identity):
         raise StorageError(
             f"paths.artefact={destination} {reason}. Nothing was changed. Choose another folder with paths.artefact, "
@@ -78,14 +89,15 @@ def publish(folder: Path, destination: str | os.PathLike[str], stage: str, ident
     remove_unfinished_files(folder)
     write_json(folder / MARK, {"stage": stage, "identity": identity, "files": _checksums(folder)})
     target.parent.mkdir(parents=True, exist_ok=True)
-    recover(target)
-    arrived, previous = _asides(target)
-    # In the same folder as the target, so that the last steps are renames within one file system.
-    shutil.move(folder, arrived)
-    if target.exists():
-        target.rename(previous)
-    arrived.rename(target)
-    shutil.rmtree(previous, ignore_errors=True)
+    with _publication(target):
+        _recover(target)
+        arrived, previous = _asides(target)
+        # In the same folder as the target, so that the last steps are renames within one file system.
+        shutil.move(folder, arrived)
+        if target.exists():
+            target.rename(previous)
+        arrived.rename(target)
+        _remove(previous)
 
 
 def check_files(folder: str | os.PathLike[str], names: Sequence[str], stage: str) -> None:
@@ -118,59 +130,90 @@ def publish_files(folder: Path, destination: str | os.PathLike[str], names: Sequ
     target = Path(destination)
     target.mkdir(parents=True, exist_ok=True)
     for name in sorted(names, key=lambda name: name.endswith(".json")):
+        for unfinished in target.glob(f".{glob.escape(Path(name).stem)}.*.tmp{Path(name).suffix}"):
+            unfinished.unlink()  # of a killed process
         with atomic_path(target / name) as temporary:
             shutil.move(folder / name, temporary)
 
 
 def recover(destination: str | os.PathLike[str]) -> None:
-    """Undo a publication that was killed."""
+    """Undo a publication that was killed.
+
+    Raises:
+        StorageError: what it left cannot be deleted.
+    """
     target = _absolute(destination)
+    if any(os.path.lexists(path) for path in (*_asides(target), _lock_file(target))):
+        with _publication(target):
+            _recover(target)
+
+
+def _recover(target: Path) -> None:
     arrived, previous = _asides(target)
     if previous.is_dir():
         if target.exists():
-            shutil.rmtree(previous)
+            _remove(previous)
         else:
             previous.rename(target)
     if arrived.is_dir():
-        shutil.rmtree(arrived)
+        _remove(arrived)
 
 
-def copy_artefacts(source: Path, into: Path, *, link: bool = False) -> Path:
+def _remove(folder: Path) -> None:
+    if not folder.is_dir():
+        return
+    try:
+        shutil.rmtree(folder)
+    except OSError as error:
+        raise StorageError(f"{folder}, which an earlier run left, cannot be deleted ({error}); delete it.") from error
+
+
+@contextmanager
+def _publication(target: Path) -> Iterator[None]:
+    """Let one process at a time publish at ``target``."""
+    from filelock import FileLock
+
+    with FileLock(_lock_file(target)) as lock:
+        try:
+            yield
+        finally:  # a process that waits for it finds that it is gone, and makes another
+            Path(lock.lock_file).unlink(missing_ok=True)
+
+
+def copy_artefacts(source: Path, into: Path) -> Path:
     """Copy a folder of artefacts that other stages may publish at the same time, without mixing old and new files.
 
     Args:
         source: the folder.
         into: parent of the copy; created if missing.
-        link: make hard links where the file system can, which is enough, since no stage changes a published file.
 
     Returns:
         The copy: a folder of the same name in ``into``.
 
     Raises:
-        DataError: the folder is missing or cannot be read, or artefacts in it keep changing.
+        DataError: the folder is missing, contains ``into``, or cannot be read, or artefacts in it keep changing.
     """
+    source = _absolute(source)
+    if not source.is_dir():
+        raise DataError(f"{source} does not exist; it should be a folder with artefacts")
+    if into.resolve().is_relative_to(source.resolve()):
+        raise DataError(f"{source} contains the outputs of this stage; it should be the folder of an artefact")
     copy = into / source.name
     for _ in range(_MOST_COPIES):
         shutil.rmtree(copy, ignore_errors=True)
         marks = _marks(source)
         try:
-            shutil.copytree(source, copy, ignore=_UNFINISHED, copy_function=_link if link else shutil.copy2)
+            shutil.copytree(source, copy, ignore=_UNFINISHED)
         except (shutil.Error, OSError) as error:
-            if not source.is_dir():
-                raise DataError(f"{source} does not exist; it should be a folder with artefacts") from error
             if _marks(source) == marks:
-                raise
+                first = error.args[0][0] if isinstance(error, shutil.Error) and error.args[0] else None
+                reason = f"{first[0]}: {first[2]}" if first else str(error)
+                message = f"{source} cannot be copied ({reason}); it should be the folder of an artefact"
+                raise DataError(message) from error
             continue
         if _marks(source) == marks:
             return copy
     raise DataError(f"artefacts in {source} are being replaced while they are read; run this command when it is over")
-
-
-def _link(source: str, destination: str) -> None:
-    try:
-        os.link(source, destination)
-    except OSError:  # another file system, or one without links
-        shutil.copy2(source, destination)
 
 
 def _marks(folder: Path) -> dict[Path, bytes]:
@@ -202,8 +245,13 @@ def read_mark(folder: Path) -> Mark | None:
 
 def changed_files(folder: Path, mark: Mark) -> list[str]:
     """Names of the files that were added to an artefact, or changed, since it was published."""
+    return [name for name in differing_files(folder, mark) if os.path.lexists(folder / name)]
+
+
+def differing_files(folder: Path, mark: Mark) -> list[str]:
+    """Names of the files that were added, changed or deleted."""
     found, expected = _checksums(folder), mark.files
-    return sorted(name for name, checksum in found.items() if expected.get(name) != checksum)
+    return sorted(name for name in found.keys() | expected if expected.get(name) != found.get(name))
 
 
 def _names_stage(path: Path, stage: str) -> bool:
@@ -222,6 +270,10 @@ def _objection(target: Path, stage: str, identity: str | None) -> str | None:
         return None
     if not target.is_dir():
         return "is a file, but the artefact is a folder"
+    if os.path.ismount(target):
+        return "is a mount point, which cannot be replaced; name a folder in it"
+    if any(not os.access(folder, os.W_OK | os.X_OK) for folder, _, _ in os.walk(target)):
+        return "is not writable, so it is not replaced"
     try:
         if not any(target.iterdir()):
             return None
@@ -244,19 +296,23 @@ def _objection(target: Path, stage: str, identity: str | None) -> str | None:
 
 
 def _checksums(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file in a folder but the mark, by relative path; links by their target."""
+    """SHA-256 of every file in a folder but the mark, by relative path; other links by their target."""
     checksums = {}
     for parent, folders, files in os.walk(folder):
         for name in [*files, *(name for name in folders if (Path(parent) / name).is_symlink())]:
             path = Path(parent) / name
             if name in _OF_THE_DESKTOP or path == folder / MARK:
                 continue
-            if path.is_symlink():
-                content = f"link to {os.readlink(path)}".encode()
+            if path.is_file():  # also by a link, as those of DVC's cache
+                content = path.read_bytes()
             else:
-                content = path.read_bytes() if path.is_file() else b"not a file"
+                content = f"link to {os.readlink(path)}".encode() if path.is_symlink() else b"not a file"
             checksums[path.relative_to(folder).as_posix()] = hashlib.sha256(content).hexdigest()
     return dict(sorted(checksums.items()))
+
+
+def _lock_file(target: Path) -> Path:
+    return target.with_name(f".{target.name}.visualrhp-lock")
 
 
 def _asides(target: Path) -> tuple[Path, Path]:

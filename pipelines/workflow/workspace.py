@@ -1,9 +1,9 @@
 """Folders of unfinished work.
 
-A stage works in a folder named by a hash of everything that its result depends on, and moves the finished artefact into
-place in one step. A killed stage therefore resumes when it is rerun with the same configuration, other configurations
-do not use its unfinished work, and DVC, which deletes the outputs of a stage before it runs it, does not delete
-checkpoints. A lock keeps a second process out of the folder.
+A stage works in a folder named by a hash of everything that its result depends on, the code included, and moves the
+finished artefact into place in one step. A killed stage therefore resumes when it is rerun with the same configuration,
+other configurations do not use its unfinished work, and DVC, which deletes the outputs of a stage before it runs it,
+does not delete checkpoints. A lock keeps a second process out of the folder.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.workflow.artefacts import anchored_outputs, content_hash, result_config_without_locations
+from pipelines.workflow.artefacts import anchored_outputs, code_hash, content_hash, result_config_without_locations
 from pipelines.workflow.publishing import check_destination, check_writable, recover
 from pipelines.workflow.surroundings import explain_storage
+from visualrhp.errors import StorageError
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
@@ -28,6 +29,7 @@ RUNS_SUFFIX = ".runs.json"
 """Suffix of the file beside a work folder with the ids of its runs in the tracker."""
 LOCK_SUFFIX = ".lock"
 _DISCARDED_SUFFIX = ".discarded"
+_PATIENCE_S = 1.0  # longer than the moment in which another process looks whether a folder is locked
 
 
 @contextmanager
@@ -52,12 +54,14 @@ def open_work(
             writable; the disk is full.
     """
     if check is None:
-        check_destination(config.paths.artefact, stage)
+        check_destination(config.paths.artefact, stage, reserved=reserved_paths(config))
     else:
         check()
     outputs = anchored_outputs(config)
     check_writable(outputs)
     folder = work_folder(config, stage, inputs)
+    if folder.is_symlink():
+        raise StorageError(f"{folder} is a symbolic link, but should be a work folder; delete the link.")
     with explain_storage(folder), locked(folder):
         recover(config.paths.artefact)
         _delete(discarded_folder(folder))
@@ -67,10 +71,17 @@ def open_work(
         discard(folder)
 
 
+def reserved_paths(config: PipelineConfig) -> tuple[Path, ...]:
+    """Folders and files in the outputs that belong to the pipelines themselves."""
+    outputs = anchored_outputs(config)
+    return tuple(outputs / name for name in ("work", "hydra", "mlruns", "mlflow.db"))
+
+
 def work_folder(config: PipelineConfig, stage: str, inputs: Mapping[str, str] | None = None) -> Path:
     """Path of the folder for the unfinished work of ``stage`` with this configuration and these inputs."""
     # The content of inputs counts, not their location, nor that of the artefact.
-    key = content_hash({"config": result_config_without_locations(config), "inputs": dict(inputs or {})})
+    content = {"config": result_config_without_locations(config), "inputs": dict(inputs or {}), "code": code_hash()}
+    key = content_hash(content)
     return anchored_outputs(config) / "work" / stage / key[:16]
 
 
@@ -86,7 +97,7 @@ def lock_of(folder: Path) -> BaseFileLock:
     """The lock of a work folder."""
     from filelock import FileLock
 
-    return FileLock(folder.with_name(folder.name + LOCK_SUFFIX), timeout=0)
+    return FileLock(folder.with_name(folder.name + LOCK_SUFFIX), timeout=0.0)
 
 
 @contextmanager
@@ -101,7 +112,7 @@ def locked(folder: Path) -> Iterator[None]:
     folder.parent.mkdir(parents=True, exist_ok=True)
     lock = lock_of(folder)
     try:
-        lock.acquire()
+        lock.acquire(timeout=_PATIENCE_S)
     except Timeout as error:
         raise _busy(folder) from error
     try:
@@ -127,9 +138,7 @@ def is_locked(folder: Path) -> bool:
         return True
 
 
-def _busy(folder: Path) -> Exception:
-    from visualrhp.errors import StorageError
-
+def _busy(folder: Path) -> StorageError:
     return StorageError(
         f"Another process is running pipelines.{folder.parent.name} with this configuration, in {folder}. Wait until "
         "it has finished, or stop it and run the command again, which continues its work."

@@ -73,7 +73,7 @@ NO_NUMBERS = [
     object(),
     [Decimal(1)] * 4,
     np.array(FOUR, dtype=object),
-    np.zeros(4, [("x", float)]),
+    np.zeros(4, np.dtype([("x", float)])),
     np.ma.array([0.0] * 4, mask=[0, 1, 0, 0]),
     np.ma.masked,
     Failing(),

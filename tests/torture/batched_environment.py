@@ -66,12 +66,12 @@ class BatchedCalls:
         ]
 
     def _start(self, chosen: list[int]) -> None:
-        slots = self.slots if self.slots is not None else [None] * self.num_envs
+        slots: list[Any] = [None] * self.num_envs if self.slots is None else self.slots
         for slot in chosen:
             slots[slot] = Slot.sample(self, self.seed, self.next_indices[slot])
             self.next_indices[slot] += self.num_envs
             self.warned.discard(slot)
-        self.slots = slots  # type: ignore[assignment]
+        self.slots = slots
 
     def reset(self) -> None:
         everything = list(range(self.num_envs))

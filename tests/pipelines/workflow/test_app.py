@@ -59,7 +59,11 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("evaluate", ["suite=nothing"], "suite=nothing is not known."),
         ("evaluate", ["scale=huge"], "scale=huge is not known. Choose from paper, quick, smoke."),
         ("train_rl", ["experiment=fig7"], "This pipeline has no group suite."),
-        ("evaluate", ["scene.density=-1"], "scene.density=-1 is out of range: it should be a number, above 0."),
+        (
+            "evaluate",
+            ["scene.density=-1"],
+            "scene.density=-1 is out of range: it should be a number, above 0 and",
+        ),
         (
             "evaluate",
             ["planner.horizon=0"],
@@ -71,7 +75,11 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("train_rl", ["learner.lr=fast"], "learner.lr=fast has the wrong type: it should be a number, above 0."),
         ("train_rl", ["learner=dqn"], "learner.algorithm=dqn learns in the discrete action space"),
         ("train_rl", ["device=tpu"], "device=tpu is not known: it should be cpu, cuda"),
-        ("report", ["seed=-1"], "seed=-1 is out of range: it should be an integer, at least 0."),
+        (
+            "report",
+            ["seed=-1"],
+            "seed=-1 is out of range: it should be an integer, at least 0 and at most 9",
+        ),
         ("report", ["seed=1,2"], "seed=1,2 lists several values, which is a sweep: add -m"),
         ("report", ["title=(a"], "The argument title=(a cannot be read"),
         ("play", ["scene_file=szenen/müller.yaml"], """'scene_file="szenen/müller.yaml"'."""),
@@ -83,7 +91,14 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("play", ["=3"], "A group has a value that is not the name of one of its files"),
         ("play", ["scale=null"], "A group has a value that is not the name of one of its files"),
         ("play", ["planner=[a,b]"], "planner=b is not known"),
-        ("play", ["paths.outputs=' '"], "paths.outputs is empty"),
+        ("play", ["paths.outputs=' '"], "paths.outputs=' ' is not the path of a folder"),
+        ("play", ["paths.outputs="], "paths.outputs= is not the path of a folder"),
+        ("play", ["paths.outputs='~/x'"], "paths.outputs='~/x' is not the path of a folder"),
+        ("play", ["planner.name=' '"], "planner.name=' ' cannot be shown"),
+        ("evaluate", ["seed=99999999999999999999"], "seed=99999999999999999999 is out of range"),
+        ("report", ["training=[a/train_il,b/train_il]"], "several folders called train_il"),
+        ("report", ["paths.artefact=outputs/work/x"], "belongs to the pipelines"),
+        ("report", ["paths.artefact=outputs/mlflow.db"], "belongs to the pipelines"),
         ("play", ["paths.artefact=''"], "paths.artefact is empty"),
         ("train_il", ["device=cuda:99"], "device=cuda:99"),
         (
@@ -120,7 +135,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureF
         ("play", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
         ("evaluate", ["planner=visual_rhp_plus"], "outputs/expert_iteration/continuous/image/heuristic.safetensors"),
         ("play", ["heuristics=outputs/train_il"], "outputs/train_il/continuous/image/heuristic.safetensors does not"),
-        ("play", ["planner=cartesian_rhp", "scene.num_objects=3"], "heuristic_m3.safetensors does not exist"),
+        ("play", ["planner=cartesian_rhp", "scene.num_objects=8"], "heuristic_m8.safetensors does not exist"),
         ("tune_crafted", ["planner=greedy"], "has no handcrafted heuristic, whose weights are searched"),
         ("tune_crafted", ["action_space=discrete"], "action_space has no effect here"),
         ("tune_crafted", ["scene.num_objects=[5,2]"], "num_objects=[5, 2]"),
@@ -182,6 +197,17 @@ def test_jobs_of_a_sweep_do_not_share_an_artefact(run: Run) -> None:
     code, message = run(main, "-m", "seed=0,1", "paths.sweep=here")
     assert code == 2
     assert "Two jobs of the sweep would write their results to here" in message
+
+
+def test_a_configuration_file_of_another_encoding_is_named(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    conf = tmp_path / "conf"
+    shutil.copytree(app_module.CONFIG_FOLDER, conf)
+    monkeypatch.setattr(app_module, "CONFIG_FOLDER", conf)
+    (conf / "planner" / "greedy.yaml").write_bytes(b"# f\xfcr\n")
+    code, message = run("evaluate", "planner=greedy")
+    assert code == 2 and "greedy.yaml is not UTF-8" in message
 
 
 def test_an_error_of_the_task_is_one_paragraph(run: Run) -> None:

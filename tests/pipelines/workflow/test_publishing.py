@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from pipelines.workflow.publishing import (
     MARK,
@@ -187,11 +189,60 @@ def test_files_of_the_user_are_not_replaced(tmp_path: Path, content: str | None)
 
 
 # ------------------------------------------------------------------------------------------------------------- copies
-@pytest.mark.parametrize("link", [True, False])
-def test_a_copy_keeps_its_content_when_the_artefact_is_replaced(tmp_path: Path, artefact: Path, link: bool) -> None:
-    copy = copy_artefacts(artefact, tmp_path / "inputs", link=link)
-    publish(made(tmp_path, "new"), artefact, "evaluate")
+def test_a_copy_keeps_its_content_when_the_artefact_is_replaced_or_overwritten(tmp_path: Path, artefact: Path) -> None:
+    copy = copy_artefacts(artefact, tmp_path / "inputs")
+    with (artefact / "result.txt").open("w") as file:
+        file.write("in place")
     assert (copy / "result.txt").read_text() == "content"
+
+
+@pytest.mark.parametrize("kind", ["dangling link", "the inputs themselves", "link to itself"])
+def test_folders_that_cannot_be_copied_are_named(tmp_path: Path, artefact: Path, kind: str) -> None:
+    into = tmp_path / "inputs"
+    if kind == "dangling link":
+        (artefact / "notes").symlink_to("nowhere")
+    elif kind == "link to itself":
+        (artefact / "notes").symlink_to("notes")
+    else:
+        into = artefact / "work" / "inputs"
+    with pytest.raises(DataError, match=r"evaluate c(annot be copied|ontains the outputs)"):
+        copy_artefacts(artefact / ".." / "evaluate", into)
+
+
+def test_two_processes_do_not_publish_at_once(tmp_path: Path, artefact: Path) -> None:
+    lock = FileLock(artefact.with_name(".evaluate.visualrhp-lock"))
+    (artefact.with_name(".evaluate.visualrhp-new")).mkdir()
+    done: list[bool] = []
+
+    def recovering() -> None:
+        recover(artefact)
+        done.append(True)
+
+    with lock:
+        thread = threading.Thread(target=recovering)
+        thread.start()
+        thread.join(0.2)
+        assert not done
+        assert artefact.with_name(".evaluate.visualrhp-new").is_dir()  # another process is moving it into place
+    thread.join(10.0)
+    assert done
+    assert [path.name for path in artefact.parent.iterdir()] == ["evaluate"]
+
+
+@pytest.mark.parametrize("name", ["work", "work/evaluate", "mlflow.db", "."])
+def test_the_pipelines_own_folders_hold_no_artefact(tmp_path: Path, name: str) -> None:
+    with pytest.raises(StorageError, match="belongs to the pipelines"):
+        check_destination(tmp_path / name, "evaluate", reserved=[tmp_path / "work", tmp_path / "mlflow.db"])
+
+
+def test_links_to_equal_files_are_no_change(tmp_path: Path, artefact: Path) -> None:
+    """As those that DVC makes to its cache."""
+    (artefact / "result.txt").rename(tmp_path / "cached")
+    (artefact / "result.txt").symlink_to(tmp_path / "cached")
+    check_destination(artefact, "evaluate")
+    (tmp_path / "cached").write_text("changed")
+    with pytest.raises(StorageError, match="added or changed"):
+        check_destination(artefact, "evaluate")
 
 
 def test_old_and_new_files_are_never_mixed(tmp_path: Path, artefact: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -85,12 +87,39 @@ def test_a_killed_creation_is_started_again(tmp_path: Path) -> None:
 
 
 def test_names_of_experiments_are_checked(outputs: Path) -> None:
-    with pytest.raises(ConfigError, match=r"tracking\.experiment is empty"):
-        open_experiment(outputs, " ")
+    for name in (" ", "Default", "x" * 600):
+        with pytest.raises(ConfigError, match=r"tracking\.experiment=.* cannot be used"):
+            open_experiment(outputs, name)
     client, experiment_id = open_experiment(outputs, "to be deleted")
     client.delete_experiment(experiment_id)
     with pytest.raises(ConfigError, match="was deleted"):
         open_experiment(outputs, "to be deleted")
+
+
+def test_runs_and_experiments_of_others_are_not_touched(tmp_path: Path) -> None:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{tmp_path / DATABASE}")
+    run_id = client.create_run("0").info.run_id
+    elsewhere = (tmp_path / "other" / ARTIFACTS).as_uri()
+    mine = client.create_experiment("mine", artifact_location=elsewhere)
+    for _ in range(2):
+        client, _ = open_experiment(tmp_path, "VisualRHP")
+    assert client.get_run(run_id).info.lifecycle_stage == "active"
+    assert client.get_experiment("0").lifecycle_stage == "active"
+    assert client.get_experiment(mine).artifact_location == elsewhere
+
+
+def test_a_database_in_use_is_not_called_damaged(
+    outputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipelines.workflow.tracking_database._PATIENCE_S", 0.1)
+    shutil.copytree(outputs, tmp_path / "outputs")
+    database = tmp_path / "outputs" / DATABASE
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(DataError, match="is in use by another process"):
+            check_database(database)
 
 
 def test_errors_of_mlflow_are_explained(tmp_path: Path) -> None:
