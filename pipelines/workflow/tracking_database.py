@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DATABASE: Final = "mlflow.db"
 ARTIFACTS: Final = "mlruns"
 _TIMEOUT_S = 60
-_PATIENCE_S = 20
+PATIENCE_S = 20
 """How long a start waits for a database that another process uses."""
 _DESCRIPTION = """\
 Runs of the pipelines. Every stage is a run; parts of a stage are its children. Charts are grouped by `train/`,
@@ -114,7 +114,7 @@ def check_database(path: Path) -> None:
     if not os.access(path, os.R_OK | os.W_OK):
         raise DataError(f"{path}, the database of MLflow, is not readable and writable for this user; {advice}")
     try:
-        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, timeout=_PATIENCE_S)) as connection:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, timeout=PATIENCE_S)) as connection:
             for table, column in _LOCATIONS:
                 if _has_column(connection, table, column):
                     connection.execute(f"SELECT {column} FROM {table} LIMIT 1").fetchall()

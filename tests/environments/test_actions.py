@@ -74,7 +74,7 @@ NO_NUMBERS = [
     [Decimal(1)] * 4,
     np.array(FOUR, dtype=object),
     np.zeros(4, np.dtype([("x", float)])),
-    np.ma.array([0.0] * 4, mask=[0, 1, 0, 0]),
+    np.ma.array(np.zeros(4), mask=np.array([False, True, False, False])),
     np.ma.masked,
     Failing(),
     Endless(),

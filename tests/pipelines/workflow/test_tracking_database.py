@@ -113,7 +113,7 @@ def test_runs_and_experiments_of_others_are_not_touched(tmp_path: Path) -> None:
 def test_a_database_in_use_is_not_called_damaged(
     outputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipelines.workflow.tracking_database._PATIENCE_S", 0.1)
+    monkeypatch.setattr("pipelines.workflow.tracking_database.PATIENCE_S", 0.1)
     shutil.copytree(outputs, tmp_path / "outputs")
     database = tmp_path / "outputs" / DATABASE
     with closing(sqlite3.connect(database)) as connection:
