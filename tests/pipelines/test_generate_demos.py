@@ -18,6 +18,7 @@ from pipelines import generate_demos
 from pipelines.config import ExecutorConfig, GenerateDemosConfig
 from pipelines.workflow import executor as workflow_executor
 from pipelines.workflow.app import compose
+from pipelines.workflow.publishing import check_destination, publish
 from pipelines.workflow.surroundings import explain_storage
 from pipelines.workflow.tracking import open_run
 from visualrhp.demonstrations.dataset import DemonstrationSet
@@ -273,3 +274,23 @@ def test_pictures_show_the_demonstrations(tmp_path: Path, monkeypatch: pytest.Mo
     assert sheet.startswith(b"\x89PNG")
     assert (folder / "demonstrations.webm").read_bytes()[:4] == b"\x1aE\xdf\xa3"
     assert (folder / "lengths.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("change", ["changed", "added", "deleted"])
+def test_a_set_with_files_of_the_user_is_no_published_set(
+    tmp_path: Path, reference: dict[str, bytes], change: str
+) -> None:
+    folder = published(tmp_path, reference)
+    publish(folder, tmp_path / "set", "generate_demos")
+    path = tmp_path / "set" / ("notes.txt" if change == "added" else "lengths.csv")
+    if change == "deleted":
+        path.unlink()
+    else:
+        path.write_text("mine")
+    assert not generate_demos.is_published(configure(), tmp_path / "set", tmp_path / "work")
+    if change == "deleted":  # then it is made again
+        check_destination(tmp_path / "set", "generate_demos")
+    else:
+        with pytest.raises(StorageError, match="added or changed"):
+            check_destination(tmp_path / "set", "generate_demos")
+        assert path.read_text() == "mine"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from pipelines.config import TrainILConfig
 from pipelines.workflow.app import compose
-from pipelines.workflow.artefacts import card, content_hash, git_commit
+from pipelines.workflow.artefacts import card, code_hash, content_hash, git_commit
 
 
 def test_cards_are_the_same_for_the_same_configuration() -> None:
@@ -46,3 +47,19 @@ def test_without_git_the_commit_is_unknown(failure: Exception, monkeypatch: pyte
     monkeypatch.setattr(subprocess, "run", fail)
     assert git_commit() is None
     git_commit.cache_clear()
+
+
+def test_another_repository_in_the_environment_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    git_commit.cache_clear()
+    expected = git_commit()
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))
+    git_commit.cache_clear()
+    assert git_commit() == expected
+    git_commit.cache_clear()
+
+
+def test_the_hash_of_the_code_is_that_of_all_files() -> None:
+    assert len(code_hash()) == 64
+    code_hash.cache_clear()
+    assert code_hash() == code_hash()

@@ -156,3 +156,21 @@ def test_outputs_that_are_a_file_are_named(repository: Path) -> None:
     (repository / "outputs").write_text("")
     with pytest.raises(StorageError, match="is not a folder"), open_work(configure(), "train_il"):
         pass
+
+
+def test_work_of_other_code_is_not_continued(monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = folder()
+    monkeypatch.setattr("pipelines.workflow.workspace.code_hash", lambda: "other code")
+    assert folder() != reference
+
+
+def test_a_link_is_no_work_folder(repository: Path) -> None:
+    mine = repository / "mine"
+    mine.mkdir()
+    (mine / ".letter.tmp.docx").write_text("mine")
+    path = work_folder(configure(), "train_il")
+    path.parent.mkdir(parents=True)
+    path.symlink_to(mine)
+    with pytest.raises(StorageError, match="is a symbolic link"), open_work(configure(), "train_il"):
+        pass
+    assert (mine / ".letter.tmp.docx").exists()
