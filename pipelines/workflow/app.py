@@ -120,6 +120,7 @@ def _main(config_name: str, task: Task) -> int:
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     logging.raiseExceptions = False  # a full disk under the log file is reported once, by what it stops
     failures: list[Exception] = []
+    failed_jobs: dict[str, Exception] = {}
     artefacts: set[str] = set()
 
     def run(config: DictConfig) -> None:
@@ -138,8 +139,7 @@ def _main(config_name: str, task: Task) -> int:
             if mistake is None or debug:
                 raise
             if is_sweep:  # Hydra raises the first failure of a sweep when all jobs are done
-                print(f"Error in the job {HydraConfig.get().job.override_dirname}:", file=sys.stderr)
-                _report(mistake)
+                failed_jobs[HydraConfig.get().job.override_dirname] = mistake
                 raise mistake from error
             failures.append(mistake)
 
@@ -158,8 +158,12 @@ def _main(config_name: str, task: Task) -> int:
         if mistake is None or debug:
             raise
         failures.append(mistake)
-    for failure in failures:
+    for job, failure in failed_jobs.items():
+        print(f"The job {job} failed.", file=sys.stderr)
         _report(failure)
+    for failure in failures:
+        if failure not in failed_jobs.values():
+            _report(failure)
     return 2 if failures else 0
 
 

@@ -192,7 +192,7 @@ def change(content: Any, rng: np.random.Generator) -> None:
         case 4 if isinstance(container, dict):
             container[f"{key}{rng.choice(['s', '_', ' ', 'x' * 2000])}"] = container.pop(key)
         case 5 if isinstance(container, list):
-            many = [1, 2, 600, 3000] if len(str(value)) < 60 else [1, 2]
+            many = [1, 2, 600, 3000] if len(str(value)) < 60 and len(places) < 500 else [1, 2]
             container[key:key] = [copy.deepcopy(value)] * int(rng.choice(many))
         case 6 if isinstance(value, list):
             container[key] = value[::-1]

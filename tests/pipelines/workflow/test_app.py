@@ -196,7 +196,19 @@ def test_jobs_of_a_sweep_do_not_share_an_artefact(run: Run) -> None:
     assert len({Path(folder).name for folder in folders}) == 3
     code, message = run(main, "-m", "seed=0,1", "paths.sweep=here")
     assert code == 2
-    assert "Two jobs of the sweep would write their results to here" in message
+    assert message.count("Two jobs of the sweep would write their results to here") == 1
+
+
+def test_every_failure_of_a_sweep_is_reported(run: Run) -> None:
+    @app("report")
+    def main(config: ReportConfig) -> None:
+        if config.seed:
+            raise DataError(f"no data for seed {config.seed}")
+
+    code, message = run(main, "-m", "seed=0,1,2")
+    assert code == 2
+    assert [message.count(f"Error: no data for seed {seed}") for seed in range(3)] == [0, 1, 1]
+    assert "The job seed=2 failed.\nError: no data for seed 2\n" in message
 
 
 def test_a_configuration_file_of_another_encoding_is_named(
