@@ -74,7 +74,11 @@ STAGES = (
         "expert_iteration/discrete/image",
     ),
     Stage("evaluate", (*_PLANNER, "num_episodes=60", "scene.num_objects=[1,5]"), "evaluate"),
-    Stage("tune_crafted", ("search.num_trials=4",), "tune_crafted"),
+    Stage(
+        "tune_crafted",
+        ("search.num_trials=4", "search.num_instances=8", "selection.num_instances=4", "check.num_instances=4"),
+        "tune_crafted",
+    ),
     Stage("play", (*_PLANNER, "tracking=mlflow", "video.size_px=96"), "play"),
     Stage("verify_demos", (_DISCRETE, _DEMONSTRATIONS), "verify_demos/discrete", is_tracked=False),
     Stage("export_demos", (_DISCRETE, _DEMONSTRATIONS), "export_demos/discrete/parquet", is_tracked=False),
