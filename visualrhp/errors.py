@@ -41,3 +41,15 @@ class CheckpointError(VisualRHPError):
 
 class StorageError(VisualRHPError):
     """A file or folder cannot be used: it is not ours, in use or not writable, or the disk is full."""
+
+
+class UnreachableError(ActionError):
+    """The arm cannot make a motion: a joint limit, a singularity or a collision; nothing has moved."""
+
+
+class PerceptionError(VisualRHPError):
+    """The camera's image cannot be interpreted: it is black, frozen or late, or does not show what is expected."""
+
+
+class CellFault(VisualRHPError):
+    """A device of the robot cell does not answer, or does not do what it was commanded to."""
