@@ -108,7 +108,7 @@ def arm_file() -> str:
 
 
 def robot_spec(mounting: Mounting) -> Any:
-    """The arm with bracket and gripper, as a MuJoCo model (``MjSpec``) to which a cell adds its table, objects and camera.
+    """The arm with bracket and gripper, a MuJoCo model (``MjSpec``) to which a cell adds table, objects and camera.
 
     Bodies of the gripper have the prefix ``gripper/``.
 
