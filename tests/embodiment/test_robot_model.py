@@ -83,7 +83,7 @@ def test_the_pads_are_on_both_sides_of_the_gripper_frame(model: Any) -> None:
 
 @pytest.mark.parametrize(("signal", "opening"), [(0.0, CELL_GRIPPER.stroke), (255.0, 0.0)])
 def test_the_planners_outline_covers_the_gripper(model: Any, signal: float, opening: float) -> None:
-    """Every vertex of bracket and gripper, seen from above, is within 12 mm of the planner's outline, most are in it.
+    """Every vertex of bracket and gripper, seen from above, is within 14 mm of the planner's outline, most are in it.
 
     The linkages of the open fingers are wider than the palm, and closed fingers reach 8.5 mm farther, on their arcs.
     """
@@ -105,7 +105,7 @@ def test_the_planners_outline_covers_the_gripper(model: Any, signal: float, open
     seen = np.concatenate(points)
     low = seen[seen[:, 2] < FLANGE_ABOVE - 2 * PLATE]
     distances = shapely.distance(outline, shapely.points(low[:, :2]))
-    assert distances.max() < 12e-3
+    assert distances.max() < 14.5e-3
     assert (distances < 1e-3).mean() > 0.85
     assert seen[:, 2].min() > -GRIPPER_HEIGHT + 5e-3  # nothing touches the table
 
