@@ -53,24 +53,27 @@ CELL_GRIPPER: Final = Gripper(
 )
 """The planner's outline of the 2F-85 with the bracket: fingers with their linkages, and the base with the plate."""
 
-HOME: Final = (3.14, -1.9, 2.2, -1.87, -1.5708, 0.0)
-"""Joint positions [rad] with the flange pointing down, from which searches for a solution start."""
+HOME: Final = (-0.2508, -1.1629, 2.027, -2.4349, -1.5708, 0.0)
+"""Joint positions [rad] with the elbow up and the flange pointing down above the centre of the table (default
+:class:`Mounting`), from which searches for a solution start. Wrist 3 is in the middle of its range: the gripper faces
+the base; it faces away from the base at half a turn to either side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Where the base of the arm stands.
+    """Where the base of the arm stands. The default is chosen in :mod:`visualrhp.embodiment.reach`.
 
     Attributes:
         x, y: position of the base [m], world frame.
         height: of the base above the table's surface [m].
-        yaw: rotation of the base about the vertical [rad].
+        yaw: rotation of the base about the vertical [rad]. A UR5e with all joints at 0 points along -x of its base, so
+            with half a turn its first joint is near 0 above the table.
     """
 
-    x: float = -0.55
+    x: float = -0.54
     y: float = 0.0
     height: float = 0.0
-    yaw: float = 0.0
+    yaw: float = math.pi
 
     @property
     def base_transform(self) -> FloatArray:
