@@ -251,6 +251,10 @@ class Outcome(StrEnum):
     """The planner gave up after its first action: an open-loop plan ended without success."""
     DIVERGED = "diverged"
     """The physics of the world failed."""
+    UNREACHABLE = "unreachable"
+    """The planner chose a motion that the arm of a robot cell cannot make; nothing has moved."""
+    STOPPED = "stopped"
+    """A fault of a robot cell, or an image that cannot be interpreted, brought the robot to rest."""
 
     @classmethod
     def of_state(cls, is_goal: bool, is_dropped: bool) -> Outcome | None:
@@ -261,6 +265,11 @@ class Outcome(StrEnum):
     def is_terminal(self) -> bool:
         """Whether the last state is terminal (Sec. 4), with no return after it; otherwise the episode was truncated."""
         return self in (Outcome.SUCCESS, Outcome.DROPPED)
+
+    @property
+    def is_failed_action(self) -> bool:
+        """Whether the last action failed, so that no state was observed after it."""
+        return self in (Outcome.DIVERGED, Outcome.UNREACHABLE, Outcome.STOPPED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from visualrhp.errors import ActionError, SimulationError
+from visualrhp.errors import ActionError, CellFault, PerceptionError, SimulationError, UnreachableError
 from visualrhp.execution.episode import EpisodeListener, RunningEpisode, run_episode, run_task
 from visualrhp.execution.world import SimulatedWorld
 from visualrhp.planning.planner import Decision, Planner
@@ -111,6 +111,95 @@ def test_a_world_that_diverges_ends_the_episode():
     world = SimulatedWorld(TaskInstance(model.scene, state), Diverging(model.scene, CONTINUOUS))
     result = run_episode(Scripted(Decision(FORWARD)), world, model, np.random.default_rng(0))
     assert (result.outcome, result.success, result.num_actions) == ("diverged", False, 0)
+
+
+class Failing(SimulatedWorld):
+    """Raises an error in the second call of a method."""
+
+    def __init__(self, instance, model, method, error):
+        super().__init__(instance, model)
+        self.method, self.error, self.calls = method, error, 0
+
+    def _call(self, method):
+        self.calls += method == self.method
+        if method == self.method and self.calls == 2:
+            raise self.error
+
+    def observe(self):
+        self._call("observe")
+        return super().observe()
+
+    def act(self, action):
+        self._call("act")
+        super().act(action)
+
+
+@pytest.mark.parametrize(
+    ("method", "error", "outcome", "num_actions"),
+    [
+        ("act", UnreachableError("wrist 3 is at its limit"), "unreachable", 1),
+        ("act", CellFault("the arm does not answer"), "stopped", 1),
+        ("act", PerceptionError("the image is black"), "stopped", 1),
+        ("observe", PerceptionError("the image is black"), "stopped", 0),
+    ],
+)
+def test_a_robot_that_cannot_act_ends_the_episode(method, error, outcome, num_actions):
+    model, state = pushing_task(target_x=0.2)
+    world = Failing(TaskInstance(model.scene, state), model, method, error)
+    listener = Listening()
+    result = run_episode(Scripted(Decision(FORWARD)), world, model, np.random.default_rng(0), listener)
+    assert (result.outcome, result.num_actions, result.fault) == (outcome, num_actions, str(error))
+    assert not result.success and len(result.decisions) == num_actions + 1
+    assert len(result.episode.states) == num_actions + 1 == listener.num_states
+
+
+class Listening(EpisodeListener):
+    """Counts the states."""
+
+    num_states = 0
+
+    def observed(self, state, outcome):
+        self.num_states += 1
+
+
+def test_a_planner_that_meets_a_fault_ends_the_episode():
+    class Faulty(Scripted):
+        def start(self, model, rng):
+            def policy(state):
+                raise CellFault("the planner failed")
+
+            return policy
+
+    model, state = pushing_task(target_x=0.2)
+    result = run(Faulty(None), model, state)
+    assert (result.outcome, result.fault, result.decisions) == ("stopped", "the planner failed", ())
+
+
+def test_the_policy_starts_anew_when_the_number_of_objects_changes():
+    model, state = pushing_task(target_x=0.2)
+    found = State.create([-0.2, 0.0, 0.0], 0.0, True, [[-0.1, 0.0, 0.0], [0.1, 0.1, 0.0]])
+    more = Scene(model.scene.target, (SQUARE, SQUARE))
+
+    class Finding(SimulatedWorld):
+        num_observed = 0
+
+        def observe(self):
+            self.num_observed += 1
+            return super().observe() if self.num_observed < 3 else (more, found)
+
+        def act(self, action):
+            pass
+
+    starts = []
+
+    class Counting(Scripted):
+        def start(self, model, rng):
+            starts.append(rng.random())
+            return super().start(model, rng)
+
+    world = Finding(TaskInstance(model.scene, state), model)
+    result = run_episode(Counting(Decision(FORWARD)), world, model, np.random.default_rng(0))
+    assert len(starts) == 2 and result.num_objects == 2
 
 
 def test_a_task_that_is_solved_from_the_start_needs_no_action():

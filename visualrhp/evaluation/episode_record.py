@@ -21,6 +21,7 @@ def episode_record(result: EpisodeResult) -> dict[str, Any]:
         "decision_time_s": result.decision_time_s,
         "decisions": [_decision_record(timed) for timed in result.decisions],
         "final_state": result.episode.states[-1].vector.tolist(),
+        **({} if result.fault is None else {"fault": result.fault}),
     }
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visualrhp.errors import SimulationError
+from visualrhp.errors import CellFault, PerceptionError, SimulationError, UnreachableError
 from visualrhp.execution.world import World, simulated_task
 from visualrhp.planning.planner import Decision, Planner, PlanningModel
 from visualrhp.scene.scene import Scene, TaskInstance
@@ -23,7 +23,8 @@ class RunningEpisode:
     """An episode in progress in a world, with the only implementation of its end (Sec. 7.3).
 
     It ends with success or a drop (terminal), after 49 actions (success requires under 50), when the planner gives up,
-    or when the physics of the world fails, which leaves the state unchanged.
+    or when an action fails: the physics of the world fails, the arm of a robot cannot make the motion, or a fault stops
+    the robot. A failed action leaves the state unchanged.
 
     Args:
         world: the world, in its initial state.
@@ -36,6 +37,7 @@ class RunningEpisode:
         num_actions: number of actions executed so far.
         reward: of the last action (Sec. 7).
         outcome: how the episode ended; None while it is in progress.
+        fault: why a robot could not act or was stopped; None if it was not.
     """
 
     def __init__(self, world: World, num_actions: int = 0) -> None:
@@ -43,6 +45,7 @@ class RunningEpisode:
         self.scene, self.state = world.observe()
         self.num_actions = num_actions
         self.reward = 0.0
+        self.fault: str | None = None
         self.outcome: Outcome | None = self._outcome(rules.is_dropped(self.scene, self.state))
         self._states = [self.state]
         self._actions: list[Action] = []
@@ -59,10 +62,16 @@ class RunningEpisode:
         """
         try:
             self.world.act(action)
+            self.scene, self.state = self.world.observe()
         except SimulationError:
             self.reward, self.outcome = rules.ACTION_REWARD, Outcome.DIVERGED
             return
-        self.scene, self.state = self.world.observe()
+        except UnreachableError as error:
+            self.reward, self.outcome, self.fault = rules.ACTION_REWARD, Outcome.UNREACHABLE, str(error)
+            return
+        except (CellFault, PerceptionError) as error:
+            self.stop(error)
+            return
         self.num_actions += 1
         dropped = rules.is_dropped(self.scene, self.state)
         self.reward = rules.reward(dropped)
@@ -74,6 +83,10 @@ class RunningEpisode:
     def give_up(self) -> None:
         """End the episode without success: the planner has no action."""
         self.outcome = Outcome.PLAN_FAILED if self.num_actions else Outcome.NO_PLAN
+
+    def stop(self, fault: CellFault | PerceptionError) -> None:
+        """End the episode without success: ``fault`` has brought the robot to rest."""
+        self.reward, self.outcome, self.fault = rules.ACTION_REWARD, Outcome.STOPPED, str(fault)
 
     @property
     def episode(self) -> Episode:
@@ -97,14 +110,16 @@ class EpisodeResult:
     Attributes:
         scene: as observed at the end.
         episode: states, actions, rewards and outcome.
-        decisions: in order; the last one may have no action, or one that was not executed since the physics failed.
+        decisions: in order; the last one may have no action, or one that failed.
         simulation_time_s: wall-clock time to execute the actions [s].
+        fault: why a robot could not act or was stopped; None if it was not.
     """
 
     scene: Scene
     episode: Episode
     decisions: tuple[TimedDecision, ...]
     simulation_time_s: float
+    fault: str | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -177,6 +192,8 @@ def run_episode(
 ) -> EpisodeResult:
     """Run ``planner`` in ``world`` until the episode is over.
 
+    Where the number of objects in the observed scene changes, as a camera may find, the policy starts anew.
+
     Args:
         planner: decides in every state (its policy may follow an earlier plan).
         world: executes the actions; its scene may differ from the model's (Sec. 8.2).
@@ -187,12 +204,19 @@ def run_episode(
     listener = listener or EpisodeListener()
     policy = planner.start(model, rng)
     running = RunningEpisode(world)
+    num_objects = running.scene.num_objects
     decisions: list[TimedDecision] = []
     simulation_time = 0.0
     listener.observed(running.state, running.outcome)
     while running.outcome is None:
+        if running.scene.num_objects != num_objects:  # a camera found another one, or one less
+            policy, num_objects = planner.start(model, rng), running.scene.num_objects
         started = time.perf_counter()
-        decision = policy(running.state)
+        try:
+            decision = policy(running.state)
+        except (CellFault, PerceptionError) as error:
+            running.stop(error)
+            break
         decided = time.perf_counter()
         decisions.append(TimedDecision(running.state, decision, decided - started))
         listener.decided(decisions[-1])
@@ -202,9 +226,9 @@ def run_episode(
         acting = time.perf_counter()
         running.act(decision.action)
         simulation_time += time.perf_counter() - acting
-        if running.outcome is not Outcome.DIVERGED:
+        if running.outcome is None or not running.outcome.is_failed_action:
             listener.observed(running.state, running.outcome)
-    return EpisodeResult(running.scene, running.episode, tuple(decisions), simulation_time)
+    return EpisodeResult(running.scene, running.episode, tuple(decisions), simulation_time, running.fault)
 
 
 def run_task(

@@ -17,7 +17,11 @@ class World(Protocol):
     """The world in which an episode runs."""
 
     def observe(self) -> tuple[Scene, State]:
-        """Observe the current scene and state, at rest."""
+        """Observe the current scene and state, at rest.
+
+        Raises:
+            CellFault, PerceptionError: a robot cell cannot be observed; the robot is at rest.
+        """
         ...
 
     def act(self, action: Action) -> None:
@@ -26,6 +30,8 @@ class World(Protocol):
         Raises:
             ActionError: the action is not in the action space; nothing has moved.
             SimulationError: the physics diverged; the state is unchanged.
+            UnreachableError: the arm of a robot cannot make the motion; nothing has moved.
+            CellFault, PerceptionError: a robot was brought to rest, or has not moved.
         """
         ...
 

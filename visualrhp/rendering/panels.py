@@ -30,6 +30,8 @@ OUTCOME_COLOURS: dict[Outcome, Colour] = {
     Outcome.NO_PLAN: (176, 112, 8),
     Outcome.PLAN_FAILED: (176, 112, 8),
     Outcome.DIVERGED: (112, 60, 140),
+    Outcome.UNREACHABLE: (112, 60, 140),
+    Outcome.STOPPED: (112, 60, 140),
 }
 
 
