@@ -1,0 +1,194 @@
+"""Find the printed target disc by template matching (paper, Sec. 5.1).
+
+The image is rectified to the plane of the table, and a template of the disc is compared with every place. The score is
+the share of the variance in a window, over all channels, that a disc of one colour on a surface of another explains
+(the coefficient of determination): neither colours, nor brightness, nor which of them is darker have to be known.
+Pixels of objects and of the arm, which cover parts of the disc, are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from visualrhp.embodiment.camera import Camera
+from visualrhp.embodiment.segmentation.detection import Mask
+from visualrhp.errors import PerceptionError
+from visualrhp.parameters import Fraction, Positive, parameters
+from visualrhp.types import FloatArray
+
+NEAR: Final = 0.01
+"""Distance [m] within which a disc that was found is looked for again."""
+
+_MARGIN: Final = 0.3
+"""Width of the surroundings in the template, relative to the radius of the disc."""
+
+_LEAST_CONTRAST: Final = 3.0
+"""Difference between disc and surface [grey values] below which nothing is a disc: less is noise."""
+
+_COVER_MARGIN: Final = 7  # [px], odd: borders of masks are inexact, and objects cast shadows
+
+
+@parameters
+class TargetSearch:
+    """How the disc is found.
+
+    Attributes:
+        radius: of the disc [m] (Sec. 9: 7 cm).
+        ring: width of the line if only the disc's border is printed [m]; None for a filled disc.
+        resolution: of the rectified image [m/px].
+        least_score: share of the variance that the disc has to explain.
+        least_visible: share of the template that has to be seen.
+    """
+
+    radius: Positive = 0.07
+    ring: Positive | None = None
+    resolution: Positive = 2.5e-3
+    least_score: Fraction = 0.45
+    least_visible: Fraction = 0.3
+
+
+@dataclass(frozen=True)
+class FoundTarget:
+    """Where the disc is.
+
+    Attributes:
+        position: [2] of its centre [m], world frame.
+        score: share of the variance that it explains.
+        visible: share of the template that is seen.
+    """
+
+    position: FloatArray
+    score: float
+    visible: float
+
+
+def find_target(
+    image: npt.NDArray[np.uint8],
+    camera: Camera,
+    edges: FloatArray,
+    covered: Mask | None = None,
+    search: TargetSearch | None = None,
+    near: FloatArray | None = None,
+) -> FoundTarget:
+    """Find the disc in an image.
+
+    Args:
+        image: [H, W, 3] of the camera.
+        camera: that took it.
+        edges: [E, 2] of the surface [m], world frame; the centre of the disc lies within.
+        covered: [H, W] pixels of objects and of the arm; None for none.
+        search: how it is found.
+        near: [2] where it was found before [m]: only places within :data:`NEAR` are compared, which is fast.
+
+    Raises:
+        PerceptionError: nothing in the image is like the disc.
+    """
+    search = search or TargetSearch()
+    scale = 1.0 / search.resolution
+    pad = search.radius * (1.0 + _MARGIN)
+    start, end = (edges.min(axis=0), edges.max(axis=0)) if near is None else (near - NEAR, near + NEAR)
+    low = start - pad
+    size = np.ceil((end + pad - low) * scale).astype(int) + 1
+    rectified, weights = _rectified(image, covered, camera, low, search.resolution, size)
+    # Surface and surroundings differ; beyond the edges, nothing is known.
+    inside = np.zeros(weights.shape, dtype=np.uint8)
+    cv2.fillPoly(inside, [np.round((edges - low) * scale * 16).astype(np.int32)], 1, shift=4)
+    weights *= inside
+    score, visible = _scores(rectified, weights, search)
+    if not np.isfinite(score).any():
+        raise PerceptionError("the target disc is not found: objects and arm cover the surface")
+    best = int(np.nanargmax(np.where(np.isfinite(score), score, -np.inf)))
+    row, column = divmod(best, score.shape[1])
+    found = float(score[row, column])
+    if found < search.least_score:
+        raise PerceptionError(
+            f"the target disc is not found: the best place explains {100 * found:.0f}% of the image's variance, and "
+            f"{100 * search.least_score:.0f}% are needed; a disc of {search.radius} m should be printed on the surface"
+        )
+    half = (_template(search)[0].shape[0] - 1) / 2.0
+    centre = np.array([column + _vertex(score[row], column), row + _vertex(score[:, column], row)]) + half
+    return FoundTarget(low + centre * search.resolution, found, float(visible[row, column]))
+
+
+def _rectified(
+    image: npt.NDArray[np.uint8],
+    covered: Mask | None,
+    camera: Camera,
+    low: FloatArray,
+    resolution: float,
+    size: npt.NDArray[np.int_],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """The image [R, C, 3] in the plane of the table, rows in the direction of y, and the weights [R, C] of its pixels:
+    0 where it is covered or was not seen."""
+    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    places = low + resolution * np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    pixels = camera.project(np.column_stack([places, np.zeros(len(places))])).astype(np.float32)
+    map_x, map_y = pixels.T.reshape(2, size[1], size[0])
+    # A pixel of the camera may be finer than one of the result: without smoothing, it would be noisier.
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    straight = cv2.remap(smooth, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    is_known = np.ones(image.shape[:2], dtype=np.uint8)
+    if covered is not None:
+        grown = cv2.dilate(covered.astype(np.uint8), np.ones((_COVER_MARGIN, _COVER_MARGIN), np.uint8))
+        is_known = (1 - grown).astype(np.uint8)
+    seen = cv2.remap(is_known, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    return straight.astype(np.float32), seen.astype(np.float32)
+
+
+def _template(search: TargetSearch) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """[T, T] the share of each pixel that is printed, and the window: 1 in the disc and its surroundings."""
+    half = math.ceil(search.radius * (1.0 + _MARGIN) / search.resolution)
+    axis = np.arange(-half, half + 1) * search.resolution
+    distance = np.hypot(axis[:, None], axis[None, :])
+    printed = np.clip((search.radius - distance) / search.resolution + 0.5, 0.0, 1.0)
+    if search.ring is not None:
+        printed -= np.clip((search.radius - search.ring - distance) / search.resolution + 0.5, 0.0, 1.0)
+    window = distance <= search.radius * (1.0 + _MARGIN)
+    return (printed * window).astype(np.float32), window.astype(np.float32)
+
+
+def _scores(
+    image: npt.NDArray[np.float32], weights: npt.NDArray[np.float32], search: TargetSearch
+) -> tuple[FloatArray, FloatArray]:
+    """The coefficient of determination at every place of the template (NaN where too little is seen), and the share of
+    the template that is seen."""
+    printed, window = _template(search)
+
+    def total(values: npt.NDArray[np.float32], kernel: npt.NDArray[np.float32]) -> FloatArray:
+        return cv2.matchTemplate(values, kernel, cv2.TM_CCORR).astype(np.float64)
+
+    count = total(weights, window)
+    mean_printed = total(weights, printed) / np.maximum(count, 1.0)
+    spread_printed = total(weights, printed * printed) / np.maximum(count, 1.0) - mean_printed**2
+    explained = np.zeros_like(count)
+    variance = np.zeros_like(count)
+    for channel in range(image.shape[2]):
+        values = image[..., channel] - image[..., channel].mean()
+        weighted = values * weights
+        mean = total(weighted, window) / np.maximum(count, 1.0)
+        shared = total(weighted, printed) / np.maximum(count, 1.0) - mean * mean_printed
+        explained += shared**2 / np.maximum(spread_printed, 1e-9)
+        variance += total(weighted * values, window) / np.maximum(count, 1.0) - mean**2
+    visible = count / window.sum()
+    # At least a fifth of disc and surroundings each: one of them alone shows no contrast.
+    balanced = spread_printed > 0.2 * 0.8 * 0.25
+    contrast = np.sqrt(explained / np.maximum(spread_printed, 1e-9))
+    is_candidate = (visible >= search.least_visible) & balanced & (contrast > _LEAST_CONTRAST)
+    return np.where(is_candidate, explained / np.maximum(variance, 1e-6), np.nan), visible
+
+
+def _vertex(values: FloatArray, index: int) -> float:
+    """Where, relative to ``index``, the parabola through three values is largest; within half a pixel."""
+    if not 0 < index < len(values) - 1:
+        return 0.0
+    before, at, after = values[index - 1 : index + 2].tolist()
+    bend = before - 2.0 * at + after
+    if not (math.isfinite(bend) and bend < 0.0):
+        return 0.0
+    return min(max(0.5 * (before - after) / bend, -0.5), 0.5)
