@@ -21,6 +21,8 @@ class Split(IntEnum):
     EVALUATION = 3
     TUNING = 4
     EXPERT_ITERATION = 5
+    SEGMENTATION = 6
+    """Cells whose frames our segmentation network learns from."""
 
 
 class Stream(Enum):
@@ -35,6 +37,9 @@ class Stream(Enum):
     EXPLORATION = (2, 1)
     """eps-RHP (Sec. 6.3.1): the counter is the number of the action in its episode. Expert iteration: who acts."""
 
+    FRAMES = (4, 0)
+    """Labelled frames of a simulated cell: motions of the arm between them, sampled points of pixels."""
+
 
 class TrainingStream(Enum):
     """Uses of the random streams of a training: the seed is ``factor * seed + offset``."""
@@ -44,6 +49,8 @@ class TrainingStream(Enum):
     DQN_MINIBATCHES = ("minibatches from the replay buffer", 1, 0)
     C3PO_ACTIONS = ("actions of the collecting policy", 2, 0)
     C3PO_MINIBATCHES = ("order of the minibatches", 2, 1)
+    SEGMENTER_WEIGHTS = ("weights of the segmentation network", 2, 0)
+    SEGMENTER_FRAMES = ("order and augmentation of frames", 2, 1)
 
     def seed(self, seed: int) -> int:
         """Return the seed of the stream in a training with ``seed``."""

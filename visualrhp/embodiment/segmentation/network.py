@@ -1,0 +1,138 @@
+"""Our segmentation network: a small encoder and decoder with three outputs for every cell of a grid (torch).
+
+The outputs are those of Panoptic-DeepLab (Cheng et al., 2020): the class of each cell, a map whose peaks are the centres
+of the visible parts of objects, and the offset from each cell to the centre of its object. Objects that touch are told
+apart by their centres. A cell is 2 x 2 pixels of the input; probabilities of classes are coverages of the cell, so that
+outlines are found between cells by interpolation (:mod:`visualrhp.embodiment.segmentation.grouping`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from visualrhp.embodiment.segmentation.classes import NUM_CLASSES
+from visualrhp.parameters import AsTuple, Count, parameters
+
+CELL: Final = 2
+"""Side of a cell of the outputs [pixels of the input]."""
+
+OFFSET_UNIT: Final = 8.0
+"""Cells that an output of one of the offset head stands for, so that the outputs are of the order of 1."""
+
+_PRIOR_LOGIT: Final = -4.0
+"""First logit of the map of centres, few of whose cells are centres."""
+
+
+@parameters
+class NetworkConfig:
+    """Size of the network.
+
+    Attributes:
+        widths: channels of the stem (half the resolution of the input), and of the stages after it, each of half the
+            resolution of the previous one.
+        blocks: residual blocks of each stage.
+        decoder_width: channels of the decoder.
+        fine_width: channels of its last layer, which has the resolution of the stem.
+    """
+
+    widths: Annotated[tuple[Count, ...], AsTuple] = (16, 24, 48, 96, 128)
+    blocks: Annotated[tuple[Count, ...], AsTuple] = (1, 2, 2, 1)
+    decoder_width: Count = 32
+    fine_width: Count = 16
+
+    def __post_init__(self) -> None:
+        if len(self.blocks) != len(self.widths) - 1 or len(self.blocks) < 2:
+            raise ValueError(
+                f"blocks={list(self.blocks)} should have one number for each of the {len(self.widths) - 1} stages after "
+                "the stem, of which there are at least two."
+            )
+
+
+@dataclass(frozen=True)
+class SegmentationOutput:
+    """Outputs for a batch of B images of S x S pixels, on G x G cells (G = S / 2).
+
+    Attributes:
+        classes: [B, C, G, G] logits.
+        centres: [B, G, G] logits of the map of centres.
+        offsets: [B, 2, G, G] from each cell to the centre of its object, (x, y) in units of :data:`OFFSET_UNIT` cells.
+    """
+
+    classes: torch.Tensor
+    centres: torch.Tensor
+    offsets: torch.Tensor
+
+
+def _convolution(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)
+    )
+
+
+class _Block(nn.Module):
+    """A residual block of two convolutions."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = _convolution(width, width)
+        self.second = nn.Sequential(nn.Conv2d(width, width, 3, 1, 1, bias=False), nn.BatchNorm2d(width))
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        return functional.relu(features + self.second(self.first(features)))
+
+
+class SegmentationNetwork(nn.Module):
+    """The network.
+
+    Args:
+        config: its size.
+        seed: of the first weights.
+    """
+
+    def __init__(self, config: NetworkConfig | None = None, seed: int = 0) -> None:
+        super().__init__()
+        config = config or NetworkConfig()
+        self.config = config
+        widths, width = config.widths, config.decoder_width
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.stem = _convolution(3, widths[0], CELL)
+            self.stages = nn.ModuleList(
+                nn.Sequential(_convolution(before, after, 2), *(_Block(after) for _ in range(count)))
+                for before, after, count in zip(widths, widths[1:], config.blocks, strict=False)
+            )
+            self.lateral = nn.ModuleList(nn.Conv2d(stage, width, 1) for stage in widths[1:])
+            self.decoder = nn.ModuleList(_convolution(width, width) for _ in widths[1:-1])
+            self.lift = nn.Conv2d(width, config.fine_width, 1)
+            self.detail = nn.Conv2d(widths[0], config.fine_width, 1)
+            self.fine = _convolution(config.fine_width, config.fine_width)
+            self.head = nn.Conv2d(config.fine_width, NUM_CLASSES + 3, 1)
+            bias = self.head.bias
+            assert bias is not None
+            nn.init.zeros_(bias)
+            bias.data[NUM_CLASSES] = _PRIOR_LOGIT
+
+    def forward(self, images: torch.Tensor) -> SegmentationOutput:
+        """Args: images: [B, S, S, 3] uint8, RGB; S divisible by 2."""
+        pixels = images.permute(0, 3, 1, 2).to(torch.float32) * (1.0 / 255.0) - 0.5
+        stem = self.stem(pixels)
+        features = [stem]
+        for stage in self.stages:
+            features.append(stage(features[-1]))
+        decoded = self.lateral[-1](features[-1])
+        for number in reversed(range(len(self.decoder))):
+            skipped = features[number + 1]
+            decoded = self.decoder[number](_enlarged(decoded, skipped) + self.lateral[number](skipped))
+        fine = functional.relu(_enlarged(self.lift(decoded), stem) + self.detail(stem))
+        output = self.head(self.fine(fine))
+        return SegmentationOutput(output[:, :NUM_CLASSES], output[:, NUM_CLASSES], output[:, NUM_CLASSES + 1 :])
+
+
+def _enlarged(coarse: torch.Tensor, fine: torch.Tensor) -> torch.Tensor:
+    """``coarse``, interpolated to the resolution of ``fine``."""
+    return functional.interpolate(coarse, size=fine.shape[-2:], mode="bilinear", align_corners=False)
