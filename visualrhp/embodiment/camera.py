@@ -144,9 +144,8 @@ class Camera:
         seen = given @ transform[:3, :3].T + transform[:3, 3]
         is_behind = seen[:, 2] <= 0.0
         seen[is_behind] = (0.0, 0.0, 1.0)
-        pixels = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), self.intrinsics, self.distortion)[0].reshape(-1, 2)
-        pixels[is_behind] = np.nan
-        return pixels
+        pixels = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), self.intrinsics, self.distortion)[0]
+        return np.where(is_behind[:, None], np.nan, pixels.reshape(-1, 2).astype(np.float64))
 
     def back_project(self, pixels: npt.ArrayLike, height: float = 0.0) -> FloatArray:
         """The points of a horizontal plane that are seen at pixels.

@@ -183,7 +183,7 @@ def planner_outline(polygon: shapely.Polygon) -> FloatArray:
 
 def largest_piece(shape: shapely.Geometry) -> shapely.Polygon:
     """The largest polygon of a geometry, without holes; an empty polygon if it has none."""
-    if not shape.is_valid:
+    if not shapely.is_valid(shape):
         shape = shapely.make_valid(shape, method="structure", keep_collapsed=False)
     pieces = [piece for piece in shapely.get_parts(shape) if isinstance(piece, shapely.Polygon)]
     return shapely.Polygon(max(pieces, key=lambda piece: piece.area).exterior) if pieces else shapely.Polygon()
