@@ -1,0 +1,192 @@
+"""The world of a robot cell: seen through its camera, and moved through the joints of its arm (paper, Fig. 2, bottom).
+
+:class:`RobotWorld` is a :class:`~visualrhp.execution.world.World`, so that episodes, metrics and reports are those of
+the simulator. One action is: *look* (wait for rest, take a frame that was exposed afterwards, check it, interpret it),
+decide (:func:`~visualrhp.execution.run_episode`), *act* (check that the view is still true, compute the path of the
+joints, check every limit, move, watch).
+
+Safety. A *blind motion* is one that rests on an old view: on a frame that was exposed before the robot's last motion
+ended, that is older than ``WatchdogLimits.max_view_age_s`` when the motion starts, or after which the cell has shown
+something else. There is none: a view is used up by the motion that it led to; a view that grew old while the planner
+thought is compared with a new one, and the motion is withheld if they differ. Every fault stops the robot, and the
+world then refuses all further actions.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, Sight, StepLatency
+from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
+from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
+from visualrhp.embodiment.robot_model import CELL_GRIPPER
+from visualrhp.embodiment.watchdog import WatchdogLimits, WatchedCell
+from visualrhp.errors import ActionError, CellFault, PerceptionError
+from visualrhp.execution.world import World
+from visualrhp.scene.scene import Scene
+from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
+from visualrhp.types import Action, State
+
+
+class RobotWorld(World):
+    """A robot cell as a world.
+
+    Args:
+        cell: the cell.
+        perception: interprets its frames.
+        kinematics: of its arm.
+        action_space: of the actions.
+        closed: the commanded state of the gripper at the start.
+        arm_limits: of the arm.
+        watchdog, motion, look: limits.
+        host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
+
+    Attributes:
+        followers: called with the scene after every look, such as ``ReachableModel.follow``.
+        latencies: of the actions so far; the last one is of the action to come.
+        sight: the view on which the next action rests; None after a motion, until the next look.
+        last_sight: the last view.
+        last_trajectory: of the last motion of the arm.
+        fault: why the robot was stopped; None if it was not.
+    """
+
+    def __init__(
+        self,
+        cell: RobotCell,
+        perception: Perceiver,
+        kinematics: Kinematics,
+        action_space: ActionSpace,
+        *,
+        closed: bool = False,
+        arm_limits: ArmLimits | None = None,
+        watchdog: WatchdogLimits | None = None,
+        motion: MotionLimits | None = None,
+        look: LookLimits | None = None,
+        host_clock: Callable[[], float] | None = None,
+    ) -> None:
+        self.followers: list[Callable[[Scene], None]] = []
+        self.latencies: list[StepLatency] = [StepLatency()]
+        self.sight: Sight | None = None
+        self.last_sight: Sight | None = None
+        self.last_trajectory: JointTrajectory | None = None
+        self.fault: str | None = None
+        self._cell = WatchedCell(cell, CELL_GRIPPER.stroke, watchdog, arm_limits)
+        self._looker = Looker(self._cell, perception, look, host_clock)
+        self._kinematics = kinematics
+        self._space = action_space
+        self._closed = closed
+        self._motion_limits = motion or MotionLimits()
+        self._num_withheld = 0
+
+    # -------------------------------------------------------------------------------------------------------- observe
+    def observe(self) -> tuple[Scene, State]:
+        with self._stopping_on_faults():
+            if self.sight is None or not self._is_current(self.sight):
+                self._renew()
+            assert self.sight is not None
+            return self.sight.view.scene, self.sight.view.state
+
+    def _renew(self) -> None:
+        """Look, and tell the followers."""
+        latency = self.latencies[-1]
+        self.sight = self.last_sight = self._looker.look(self.last_sight, self._closed, latency)
+        started = time.perf_counter()
+        for follow in self.followers:
+            follow(self.sight.view.scene)
+        latency.model_s += time.perf_counter() - started
+
+    # ------------------------------------------------------------------------------------------------------------ act
+    def act(self, action: Action) -> None:
+        motion = self._space.motion(action)
+        with self._stopping_on_faults():
+            sight = self._confirmed_sight()
+            if sight is None:
+                return
+            latency, started = self.latencies[-1], time.perf_counter()
+            trajectory = self._trajectory(motion)
+            latency.path_s = time.perf_counter() - started
+            opening = None if motion.closed is None else (0.0 if motion.closed else self._cell.stroke)
+            latency.view_age_s = self._looker.age(sight)
+            if latency.view_age_s > self._cell.limits.max_view_age_s:
+                raise CellFault(
+                    f"the path of the arm took so long that the view is {latency.view_age_s:.2f} s old; at most "
+                    f"{self._cell.limits.max_view_age_s:g} s are allowed"
+                )
+            self.sight, self.last_trajectory = None, trajectory  # the view is used up
+            if motion.closed is not None:
+                self._closed = motion.closed
+            latency.motion_s = execute(self._cell, trajectory, opening)
+            self._num_withheld = 0
+            self.latencies.append(StepLatency())
+
+    def _trajectory(self, motion: GripperMotion) -> JointTrajectory | None:
+        """The checked motion of the arm; None if only the fingers move."""
+        if motion.forward == motion.left == motion.rotation == 0.0:
+            return None
+        arm = self._cell.arm()
+        trajectory = self._kinematics.path(arm.positions, motion)
+        check_trajectory(trajectory, arm, motion, self._kinematics, self._motion_limits, self._cell.arm_limits)
+        return trajectory
+
+    def _confirmed_sight(self) -> Sight | None:
+        """The view on which the action rests, if it still holds; None, after a new look, if the scene has changed."""
+        sight = self.sight
+        if sight is None:
+            raise CellFault("the robot has moved and has not looked since; an action needs a view")
+        if self._is_current(sight):
+            return sight
+        self._renew()
+        assert self.sight is not None
+        if self._looker.agree(sight.view, self.sight.view):
+            return self.sight
+        self.latencies[-1].is_withheld = True
+        self.latencies.append(StepLatency())
+        self._num_withheld += 1
+        if self._num_withheld > self._looker.limits.max_withheld:
+            raise PerceptionError(
+                f"the scene changed while the planner decided, {self._num_withheld} times in succession"
+            )
+        return None
+
+    def _is_current(self, sight: Sight) -> bool:
+        """Whether a view is young enough to act on; the robot must not have moved since.
+
+        Raises:
+            CellFault: the arm or the fingers have moved without a command.
+        """
+        limits = self._cell.limits
+        arm, gripper = self._cell.arm(), self._cell.gripper()
+        if (drift := float(np.abs(arm.positions - sight.arm.positions).max())) > limits.max_drift:
+            raise CellFault(f"the arm moved by {drift:.3f} rad without a command")
+        if not self._cell.is_still(arm) or gripper.is_moving:
+            raise CellFault("the robot is moving without a command")
+        if (drift := abs(gripper.opening - sight.gripper.opening)) > limits.max_opening_drift:
+            raise CellFault(f"the fingers moved by {1e3 * drift:.1f} mm without a command")
+        return self._looker.age(sight) <= limits.max_view_age_s
+
+    # ---------------------------------------------------------------------------------------------------------- faults
+    @contextmanager
+    def _stopping_on_faults(self) -> Iterator[None]:
+        """Stop the robot at any error in the block, but one of an action that was refused before anything moved."""
+        if self.fault is not None:
+            raise CellFault(f"the robot was stopped before: {self.fault}")
+        try:
+            yield
+        except ActionError:
+            raise
+        except BaseException as error:
+            self.sight = None
+            problem = self._cell.halt()
+            unknown = "" if problem is None else f"; it is not known whether the arm is at rest: {problem}"
+            self.fault = f"{error}{unknown}"
+            if problem is None or not isinstance(error, CellFault | PerceptionError):
+                raise
+            raise type(error)(self.fault) from error
+
+    def close(self) -> None:
+        """Stop the robot, and release the cell."""
+        self._cell.close()
