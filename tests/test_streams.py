@@ -61,7 +61,7 @@ def test_streams_are_functions_of_their_key() -> None:
     drawn = [
         int(generator_for(7, Split.EVALUATION, 2, stream, *counters_of(stream)).integers(2**32)) for stream in Stream
     ]
-    keys = [(3, 2, 0), (3, 2, 1), (3, 2, 2), (3, 2, 2, 0), (3, 2, 4)]
+    keys = [(3, 2, 0), (3, 2, 1), (3, 2, 2), (3, 2, 2, 0), (3, 2, 4), (3, 2, 3), (3, 2, 5)]
     sequences = [np.random.SeedSequence(entropy=7, spawn_key=key) for key in keys]
     assert drawn == [int(np.random.default_rng(sequence).integers(2**32)) for sequence in sequences]
     assert search_seed(3, 5) == int(np.random.SeedSequence([3, 5]).generate_state(1)[0])

@@ -39,6 +39,10 @@ class Stream(Enum):
 
     FRAMES = (4, 0)
     """Labelled frames of a simulated cell: motions of the arm between them, sampled points of pixels."""
+    CELL = (3, 0)
+    """Objects and layout of a simulated robot cell, with their physics."""
+    CELL_LOOK = (5, 0)
+    """Looks, camera and noise of a simulated robot cell."""
 
 
 class TrainingStream(Enum):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -90,7 +89,13 @@ def volume(solid: Solid) -> float:
 
 
 def sample_object(
-    kind: Kind, size: ObjectSize, rng: np.random.Generator, lying: bool | Literal["any"] = "any"
+    kind: Kind,
+    size: ObjectSize,
+    rng: np.random.Generator,
+    lying: bool | None = None,
+    friction: tuple[float, float] = FRICTION,
+    rolling_friction: tuple[float, float] = ROLLING_FRICTION,
+    mass_factor: tuple[float, float] = (1.0, 1.0),
 ) -> CellObject:
     """An object of ``kind`` with random size, physics and look.
 
@@ -99,18 +104,21 @@ def sample_object(
         size: ``small`` objects fit between the fingers (85 mm) from any direction, unless they are boxes or lying
             bottles, which do from some; ``large`` ones do not, or only from some directions; ``mixed`` is either.
         rng: source of the random numbers.
-        lying: whether a bottle lies; ``any``: half of them do.
+        lying: whether a bottle lies; None: half of them do.
+        friction: range of the Coulomb coefficient.
+        rolling_friction: range of the lever of the rolling resistance [m].
+        mass_factor: range of a factor on the mass.
     """
     large = bool(rng.random() < 0.5) if size == "mixed" else size == "large"
-    is_lying = kind is Kind.BOTTLE and (bool(rng.random() < 0.5) if lying == "any" else lying)
+    is_lying = kind is Kind.BOTTLE and (bool(rng.random() < 0.5) if lying is None else lying)
     solid = _sample_solid(kind, large, rng)
     return CellObject(
         kind,
         solid,
         is_lying,
-        mass=float(rng.uniform(*DENSITIES[kind])) * volume(solid),
-        friction=float(rng.uniform(*FRICTION)),
-        rolling_friction=float(rng.uniform(*ROLLING_FRICTION)),
+        mass=float(rng.uniform(*DENSITIES[kind]) * rng.uniform(*mass_factor)) * volume(solid),
+        friction=float(rng.uniform(*friction)),
+        rolling_friction=float(rng.uniform(*rolling_friction)),
         look=int(rng.integers(2**31)),
     )
 
