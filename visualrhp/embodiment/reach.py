@@ -1,0 +1,187 @@
+"""What the arm can reach: a precomputed map, which the planner's model asks before it simulates an action.
+
+The mounting. No mounting of a UR5e lets a level gripper take every pose over the table: the flange, 11.5 cm behind the
+gripper frame's origin, would have to come everywhere in a square of 73 cm, and it reaches a ring of 23 to 89 cm around
+the base (:data:`visualrhp.embodiment.robot_model.FLANGE_BEHIND`; measured by
+:mod:`visualrhp.embodiment.reach_computation`). The base stands on the table's level, where the ring is widest without a
+pedestal in the way, at the distance from which the ring covers most of the poses over the table.
+
+The map. Whether the arm collides depends on where the flange is relative to the base, and where the gripper points
+relative to the arm: by turning joint 1 alone, the rest of the arm stays as it is, and the table is taken for a plane
+without end. So the map has two dimensions: the distance of the flange from the axis of joint 1, and the heading
+relative to the direction in which the flange lies from there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from visualrhp.embodiment.robot_model import FLANGE_ABOVE, FLANGE_BEHIND, GRIPPER_HEIGHT, Mounting
+from visualrhp.errors import DataError, UnreachableError
+from visualrhp.simulation.action_spaces import GripperMotion
+from visualrhp.types import FloatArray
+
+RADIUS_STEP: Final = 0.005
+"""Of the map [m]; the first cell begins at the axis of joint 1."""
+
+NUM_HEADINGS: Final = 120
+"""Cells of the map for the relative heading, a whole turn."""
+
+WORKSPACE: Final = 0.33
+"""The gripper frame's origin stays in a square of twice this side [m] around the centre of the table: 8 cm beyond its
+edges."""
+
+LEAVING_DISTANCE: Final = 0.01
+"""A motion may begin outside the map if it is inside after this distance [m], or :data:`LEAVING_ANGLE`: where the arm
+comes to rest is not exactly where it was sent. The map keeps at least as much distance from collisions."""
+
+LEAVING_ANGLE: Final = math.radians(5.0)
+"""[rad], see :data:`LEAVING_DISTANCE`."""
+
+REACH_FILE: Final = "reach_map.npz"
+_HEADING_STEP = 2.0 * math.pi / NUM_HEADINGS
+
+
+def geometry_of(mounting: Mounting) -> FloatArray:
+    """[6] what a map was computed for: what else it depends on are the models of the arm and the gripper."""
+    return np.array([mounting.height, FLANGE_BEHIND, FLANGE_ABOVE, GRIPPER_HEIGHT, RADIUS_STEP, NUM_HEADINGS])
+
+
+@dataclass(frozen=True, eq=False)
+class ReachMap:
+    """The poses of the level gripper that the arm can take.
+
+    Attributes:
+        mounting: of the arm.
+        free: [R, H] bool, whether the arm can reach all of a cell, away from singularities, limits of its joints and
+            collisions with itself and the table; R cells of the flange's distance from the axis of joint 1, H of the
+            heading relative to the direction of the flange from there.
+        workspace: the origin of the gripper frame stays in the square of twice this side [m] around the world's origin.
+    """
+
+    mounting: Mounting
+    free: npt.NDArray[np.bool_]
+    workspace: float = WORKSPACE
+    _padded: npt.NDArray[np.bool_] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.free.ndim != 2 or self.free.shape[1] != NUM_HEADINGS or self.free.dtype != np.bool_:
+            raise DataError(
+                f"a map of the reach has the shape [R, {NUM_HEADINGS}] of bool, not {list(self.free.shape)} of "
+                f"{self.free.dtype}"
+            )
+        padded = np.concatenate([self.free, np.zeros((1, NUM_HEADINGS), bool)])  # beyond the last radius
+        padded.setflags(write=False)
+        object.__setattr__(self, "_padded", padded)
+
+    def contains(self, poses: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether the arm can take each pose of the gripper frame.
+
+        Args:
+            poses: [..., 3] x [m], y [m], theta [rad].
+
+        Returns:
+            [...] bool.
+        """
+        poses = np.asarray(poses, dtype=np.float64)
+        x, y, theta = poses[..., 0], poses[..., 1], poses[..., 2]
+        across = x - FLANGE_BEHIND * np.cos(theta) - self.mounting.x
+        up = y - FLANGE_BEHIND * np.sin(theta) - self.mounting.y
+        last = len(self._padded) - 1
+        radius = np.fmin(np.hypot(across, up) / RADIUS_STEP, last).astype(np.intp)
+        heading = (theta - np.arctan2(up, across)) / _HEADING_STEP % NUM_HEADINGS
+        heading = np.fmin(heading, NUM_HEADINGS - 1).astype(np.intp)  # rounding can give the divisor itself
+        inside = np.maximum(np.abs(x), np.abs(y)) <= self.workspace
+        return self._padded[radius, heading] & inside
+
+    def allows(self, pose: npt.ArrayLike, motion: GripperMotion) -> bool:
+        """Whether the arm can make ``motion`` from ``pose`` [3]: a straight line, the heading turning in proportion.
+
+        The way and the end must be in the map; the start may be just outside (:data:`LEAVING_DISTANCE`). Opening and
+        closing the fingers is always possible.
+        """
+        pose = np.asarray(pose, dtype=np.float64)
+        displacement = displacement_of(float(pose[2]), motion)
+        return bool(self.contains(_way(pose, displacement)).all())
+
+    def check(self, pose: npt.ArrayLike, motion: GripperMotion) -> None:
+        """Check that :meth:`allows`.
+
+        Raises:
+            UnreachableError: it does not; says where.
+        """
+        pose = np.asarray(pose, dtype=np.float64)
+        way = _way(pose, displacement_of(float(pose[2]), motion))
+        inside = self.contains(way)
+        if not inside.all():
+            x, y, theta = way[int(np.argmin(inside))]
+            box = max(abs(x), abs(y)) > self.workspace
+            why = (
+                f"is outside the workspace, a square of {2 * self.workspace:g} m around the centre of the table"
+                if box
+                else "cannot be taken by the arm: it is too far, too near, or the arm would touch itself"
+            )
+            raise UnreachableError(
+                f"the motion would lead through the pose ({x:.3f} m, {y:.3f} m, {math.degrees(theta):.1f} degrees), "
+                f"which {why}"
+            )
+
+    def headings(self, position: Sequence[float], count: int = 72) -> npt.NDArray[np.bool_]:
+        """[count] which of as many headings, from 0 counter-clockwise, the gripper can take at ``position`` [2] [m].
+
+        A task whose objects have none cannot be completed, whatever the planner.
+        """
+        theta = 2.0 * np.pi * np.arange(count) / count
+        x, y = np.broadcast_to(np.asarray(position, dtype=np.float64)[:2, None], (2, count))
+        return self.contains(np.stack([x, y, theta], axis=1))
+
+    def save(self, path: Path) -> None:
+        """Write the map to ``path``, an npz file."""
+        np.savez_compressed(
+            path, geometry=geometry_of(self.mounting), free=np.packbits(self.free), radii=np.array(len(self.free))
+        )
+
+    @classmethod
+    def load(cls, mounting: Mounting | None = None) -> ReachMap:
+        """The map of the package, for a ``mounting`` at the height for which it was computed (the default one's).
+
+        Raises:
+            DataError: it was computed for another geometry; compute it again.
+        """
+        mounting = mounting or Mounting()
+        with (
+            (resources.files("visualrhp.embodiment") / REACH_FILE).open("rb") as file,
+            np.load(file, allow_pickle=False) as stored,
+        ):
+            geometry, bits, radii = stored["geometry"], stored["free"], int(stored["radii"])
+        if not np.allclose(geometry, geometry_of(mounting), atol=1e-9):
+            raise DataError(
+                f"the stored map of the reach is for a height, a bracket and cells of {geometry.tolist()}, not "
+                f"{geometry_of(mounting).tolist()}; compute one with visualrhp.embodiment.reach_computation"
+            )
+        free = np.unpackbits(bits, count=radii * NUM_HEADINGS).reshape(radii, NUM_HEADINGS).astype(bool)
+        free.setflags(write=False)
+        return cls(mounting, free)
+
+
+def displacement_of(theta: float, motion: GripperMotion) -> FloatArray:
+    """[3] change of x, y [m] and theta [rad] in the world frame by ``motion`` from the heading ``theta`` [rad]."""
+    cos, sin = math.cos(theta), math.sin(theta)
+    return np.array(
+        [cos * motion.forward - sin * motion.left, sin * motion.forward + cos * motion.left, motion.rotation]
+    )
+
+
+def _way(pose: FloatArray, displacement: FloatArray) -> FloatArray:
+    """[K, 3] poses of a motion, from a little after its start to its end; none if nothing moves."""
+    dx, dy, turn = displacement.tolist()
+    count = math.ceil(max(math.hypot(dx, dy) / LEAVING_DISTANCE, abs(turn) / LEAVING_ANGLE))
+    return pose + np.linspace(0.0, 1.0, count + 1)[1:, None] * displacement
