@@ -2,9 +2,9 @@
 
 Pinocchio gives the forward kinematics and the Jacobian. The inverse kinematics is in closed form, since the bracket
 makes it simple: the flange points down at a constant height, so joints 1 to 5 depend on the place of the flange alone,
-and joint 6 turns the heading. That is exact, has one continuous solution everywhere (elbow up, wrist stretched forwards)
-and takes a millisecond for a whole path, as long as one step of differential inverse kinematics. Where the tool is not
-level at its height, :mod:`visualrhp.embodiment.approach` solves the general problem with Pink.
+and joint 6 turns the heading. That is exact, has one continuous solution everywhere (elbow up, wrist stretched
+forwards) and takes a millisecond for a whole path, as long as one step of differential inverse kinematics. Where the
+tool is not level at its height, :mod:`visualrhp.embodiment.approach` solves the general problem with Pink.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ import numpy as np
 
 from visualrhp.embodiment.reach import ReachMap
 from visualrhp.errors import SimulationError
-from visualrhp.planning.planner import PlanningModel
 from visualrhp.scene.noise import perturb
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
@@ -17,8 +16,8 @@ from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import Action, State, Transition
 
 
-class ReachableModel(PlanningModel):
-    """A transition model in which a motion that the arm cannot make is an invalid action.
+class ReachableModel:
+    """A :class:`visualrhp.planning.planner.PlanningModel` in which a motion that the arm cannot make is an invalid action.
 
     Planners keep the model with which they began, and the camera's scene changes between decisions: after
     :meth:`follow`, the model and all that were perturbed from it simulate the new scene. A copy, such as an unpickled
@@ -75,6 +74,7 @@ class ReachableModel(PlanningModel):
         return self.transition_model.simulate(state, action)
 
     def is_goal(self, state: State) -> bool:
+        """Whether ``state`` is valid and has the desired object in the target region."""
         return self.transition_model.is_goal(state)
 
     def is_dropped(self, state: State) -> bool:
@@ -100,7 +100,7 @@ class PerturbedReachableModel(ReachableModel):
     """
 
     def __init__(self, nominal: ReachableModel, relative_std: float, turning_std: float, seed: int) -> None:
-        super().__init__(nominal.scene, nominal.action_space, nominal.reach, nominal.transition_model.simulator.physics)
+        super().__init__(nominal.scene, nominal.action_space, nominal.reach, nominal._physics)
         self._nominal, self._perturbation, self._seed = nominal, (relative_std, turning_std), seed
         self._perturbed_from: Scene | None = None
 
