@@ -136,7 +136,7 @@ def _best_turn(seen: FloatArray, known: FloatArray, theta: float) -> float:
     product = np.fft.rfft(seen - seen.mean()) * np.conj(np.fft.rfft(known - known.mean()))
     correlation = np.fft.irfft(product, NUM_ANGLES) / spread
     step = 2.0 * np.pi / NUM_ANGLES
-    turns = wrap_angle(step * np.arange(NUM_ANGLES) - theta)
+    turns = wrap_angle(step * np.arange(NUM_ANGLES, dtype=np.float64) - theta)
     best = int(np.argmax(correlation - _TURN_COST * (turns / np.pi) ** 2))
     # The cost moves the maximum a little: from there, the correlation alone decides.
     while True:
