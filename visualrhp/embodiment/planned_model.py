@@ -17,7 +17,7 @@ from visualrhp.types import Action, State, Transition
 
 
 class ReachableModel:
-    """A :class:`visualrhp.planning.planner.PlanningModel` in which a motion that the arm cannot make is an invalid action.
+    """A model for planners (PlanningModel) in which a motion that the arm cannot make is an invalid action.
 
     Planners keep the model with which they began, and the camera's scene changes between decisions: after
     :meth:`follow`, the model and all that were perturbed from it simulate the new scene. A copy, such as an unpickled
