@@ -11,7 +11,8 @@ from visualrhp.embodiment.packages import robot_package
 from visualrhp.embodiment.robot_model import flange_to_gripper, robot_spec
 from visualrhp.embodiment.simulated_cell.looks import TARGET_RINGS, Texture, object_texture, surface_texture
 from visualrhp.embodiment.simulated_cell.objects import CellObject, volume
-from visualrhp.embodiment.simulated_cell.rendering import rendered_size
+from visualrhp.embodiment.simulated_cell.rendering import SIDE_VIEW_SIZE, rendered_size
+from visualrhp.embodiment.simulated_cell.robot_meshes import use_coarse_meshes
 from visualrhp.embodiment.simulated_cell.solids import Cuboid, Mesh, Revolution
 from visualrhp.embodiment.simulated_cell.task import TABLE_SIDE, CellTask
 from visualrhp.types import FloatArray
@@ -50,12 +51,15 @@ def cell_model(task: CellTask) -> Any:
     """
     mujoco = robot_package("mujoco")
     spec = robot_spec(task.mounting)
+    use_coarse_meshes(spec)
     spec.option.timestep = TIME_STEP
     spec.option.iterations = 30
     spec.option.ls_iterations = 20
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
+    width, height = (max(sizes) for sizes in zip(rendered_size(task.camera), SIDE_VIEW_SIZE, strict=True))
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.offsamples = 0  # multisampling triples the time of a frame in software
     spec.visual.quality.shadowsize = 1024
+    spec.visual.map.shadowclip = 1.6  # a smaller one leaves stripes on the floor
     spec.visual.map.znear, spec.visual.map.zfar = 0.05, 30.0
     spec.stat.extent, spec.stat.center = 1.0, [0.0, 0.0, 0.0]
     _prepare_robot(mujoco, spec, task)
