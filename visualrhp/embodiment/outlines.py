@@ -22,10 +22,13 @@ from typing import Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import shapely
+from scipy.spatial import KDTree
 
 from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.kinds import Kind, widest_section
+from visualrhp.embodiment.occlusion import HiddenRegion
 from visualrhp.embodiment.segmentation.detection import Detection, Mask
 from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
@@ -45,6 +48,9 @@ MIN_AREA: Final = 2e-4
 
 _SOFTENING: Final = 1.0  # standard deviation [px]
 _MARGIN: Final = 4
+_LEAST_CONTOUR: Final = 8
+_MOST_POINTS: Final = 120
+_CLOSE: Final = 3e-3  # [m] from a doubtful point
 
 
 def mask_contour(mask: Mask) -> FloatArray:
@@ -87,12 +93,18 @@ class Silhouette:
         detection: what was detected.
         points: [N, 2] border of the outline, at the height of the object's widest section [m], world frame; an open
             ring, counter-clockwise.
-        height: of the section [m]: of a round body; of an upright one, the lower end.
+        heights: between which the section is widest [m].
+        is_seen: [N] whether a point is the object's own border, not where something else hides it.
+        share_seen: of the border.
+        hidden: what is behind other things close to the object, at ``heights``, world frame.
     """
 
     detection: Detection
     points: FloatArray
-    height: float
+    heights: tuple[float, float]
+    is_seen: npt.NDArray[np.bool_]
+    share_seen: float
+    hidden: shapely.Geometry
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
@@ -110,34 +122,45 @@ class Silhouette:
         return float(self.polygon.area)
 
 
-def silhouette(camera: Camera, detection: Detection) -> Silhouette | None:
+def silhouette(camera: Camera, detection: Detection, hidden: HiddenRegion | None = None) -> Silhouette | None:
     """The outline of a detection on the table; None if it is too small to be an object, or not on the ground.
 
     Args:
         camera: that took the image.
         detection: with a mask of the size of the camera's image.
+        hidden: what is behind the arm and other objects; None for nothing.
     """
     pixels = mask_contour(detection.mask)
-    if len(pixels) < 8:
+    if len(pixels) < _LEAST_CONTOUR:
         return None
+    pixels = pixels[:: max(1, len(pixels) // _MOST_POINTS)]
     seen = camera.back_project(pixels)
     if not np.isfinite(seen).all():
         return None
     on_table = largest_piece(shapely.Polygon(seen))
     if on_table.area < MIN_AREA:
         return None
+    hidden = hidden or HiddenRegion(camera, np.zeros((0, 0), dtype=bool))
+    doubtful = hidden.contains(pixels)
     low, high = section_heights(camera, detection, on_table)
     if low == high:
         points = _at_height(camera, seen, low)
         if _is_round(detection):
             points = _unstretched(camera, points, low)
+        is_seen = ~doubtful
     else:
         points = _intersection(camera, seen, low, high)
         if points is None:
             return None
+        is_seen = np.ones(len(points), dtype=bool)
+        if doubtful.any():
+            places = np.concatenate([_at_height(camera, seen[doubtful], height) for height in (low, high)])
+            is_seen = KDTree(places).query(points)[0] > _CLOSE
     if geometry.signed_area(points) < 0.0:
-        points = points[::-1]
-    found = Silhouette(detection, points, low)
+        points, is_seen = points[::-1], is_seen[::-1]
+    share = 1.0 - float(doubtful.mean())
+    region = hidden.at(low, high) if share < 1.0 else shapely.Polygon()
+    found = Silhouette(detection, points, (low, high), is_seen, share, region)
     return found if found.area >= MIN_AREA else None
 
 
