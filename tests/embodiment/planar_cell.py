@@ -28,6 +28,7 @@ RADIANS_PER_METRE = 4.0
 REACH = 0.42
 SPEED = 0.15
 TURNING_SPEED = 1.0
+ACCELERATION = 8.0
 SIZE_PX = 96
 FINGER_TIME_S = 0.4
 MARK = 4
@@ -65,7 +66,8 @@ class PlanarKinematics:
         if max(abs(x), abs(y)) > REACH or abs(theta) > 2.0 * math.pi:
             raise UnreachableError(f"the arm does not reach ({x:.3f}, {y:.3f}) m, {theta:.2f} rad")
         distance = math.hypot(motion.forward, motion.left)
-        duration = max(1.5 * distance / SPEED, 1.5 * abs(motion.rotation) / TURNING_SPEED, 0.2)
+        strongest = 6.0 * max(RADIANS_PER_METRE * distance, abs(motion.rotation)) / ACCELERATION
+        duration = max(1.5 * distance / SPEED, 1.5 * abs(motion.rotation) / TURNING_SPEED, math.sqrt(strongest), 0.2)
         times = np.linspace(0.0, duration, 2 + int(duration / 0.02))
         u = times / duration
         done = u * u * (3.0 - 2.0 * u)  # at rest at both ends
@@ -157,6 +159,12 @@ class PlanarCell:
         for outline in self.scene.gripper.outlines((pose.x, pose.y, pose.theta), self.state.gripper_opening):
             fill(outline, (40, 40, 160))
         return image
+
+    def change(self, scene: Scene, state: State, object_poses) -> None:
+        """Change what lies on the table, as a hand would."""
+        self.scene = scene
+        self.state = State.create(state.gripper_pose, state.gripper_opening, state.gripper_closed, object_poses)
+        self._simulator = Simulator(scene, Physics())
 
     def arm(self) -> ArmState:
         step = 1e-3

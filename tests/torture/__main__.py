@@ -8,6 +8,7 @@ damage                  every file that is read, damaged
 scenes                  hostile scene files, distributions and contours
 overrides               hostile arguments of the command line
 environments            random calls of both environments against a model of their contract
+robot                   faults of every device of a robot cell: 0 blind motions (listed as faults)
 ======================= ======================================================================================
 """
 
@@ -20,7 +21,14 @@ import sys
 import time
 from typing import Final
 
-DEFAULTS: Final = {"kills": 100, "damage": 20_000, "scenes": 60_000, "overrides": 20_000, "environments": 100_000}
+DEFAULTS: Final = {
+    "kills": 100,
+    "damage": 20_000,
+    "scenes": 60_000,
+    "overrides": 20_000,
+    "environments": 100_000,
+    "robot": 1_000,
+}
 FAULTS: Final = ("differences", "tracebacks", "slow", "surprises", "silent", "bad_messages", "long_messages", "faults")
 """Counts that have to be 0. Slow is what takes more than 2 s of the processor, so that other work does not count."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from visualrhp.errors import CellFault, PerceptionError
@@ -16,11 +18,13 @@ class GuardedPlanner(Planner):
 
     Args:
         planner: the planner.
+        stop: stops the robot for a reason (:meth:`visualrhp.embodiment.robot_world.RobotWorld.stop`).
     """
 
-    def __init__(self, planner: Planner) -> None:
+    def __init__(self, planner: Planner, stop: Callable[[str], None]) -> None:
         self.name = planner.name
         self._planner = planner
+        self._stop = stop
 
     def start(self, model: PlanningModel, rng: np.random.Generator) -> Policy:
         policy: Policy | None = None
@@ -36,7 +40,9 @@ class GuardedPlanner(Planner):
             except (CellFault, PerceptionError):
                 raise
             except Exception as error:
-                raise CellFault(f"the planner failed: {type(error).__name__}: {error!s:.300}") from error
+                fault = CellFault(f"the planner failed: {type(error).__name__}: {error!s:.300}")
+                self._stop(str(fault))
+                raise fault from error
             return decision
 
         return guarded

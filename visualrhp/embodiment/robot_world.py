@@ -179,13 +179,16 @@ class RobotWorld(World):
         except ActionError:
             raise
         except BaseException as error:
-            self.sight = None
-            problem = self._cell.halt()
-            unknown = "" if problem is None else f"; it is not known whether the arm is at rest: {problem}"
-            self.fault = f"{error}{unknown}"
-            if problem is None or not isinstance(error, CellFault | PerceptionError):
+            self.stop(str(error) or type(error).__name__)
+            if not isinstance(error, CellFault | PerceptionError) or self.fault == str(error):
                 raise
             raise type(error)(self.fault) from error
+
+    def stop(self, reason: str) -> None:
+        """Bring the robot to rest; it does not move again. Never raises."""
+        self.sight = None
+        problem = self._cell.halt()
+        self.fault = reason if problem is None else f"{reason}; whether the arm is at rest is not known: {problem}"
 
     def close(self) -> None:
         """Stop the robot, and release the cell."""

@@ -23,7 +23,7 @@ from visualrhp.embodiment.robot_cell import (
     JointTrajectory,
     RobotCell,
 )
-from visualrhp.errors import CellFault, PerceptionError
+from visualrhp.errors import CellFault, PerceptionError, SimulationError
 from visualrhp.parameters import Positive, parameters
 
 _T = TypeVar("_T")
@@ -144,7 +144,10 @@ class WatchedCell:
     # ------------------------------------------------------------------------------------------------ arm and gripper
     def arm(self) -> ArmState:
         """The state of the arm."""
-        state = _ask("the arm", self._cell.arm)
+        return _ask("the arm", self._read_arm)
+
+    def _read_arm(self) -> ArmState:
+        state = self._cell.arm()
         if state.fault is not None:
             raise CellFault(f"the arm has a fault: {state.fault}")
         positions, velocities = _joints(state.positions, "positions"), _joints(state.velocities, "velocities")
@@ -177,7 +180,10 @@ class WatchedCell:
 
     def gripper(self) -> GripperState:
         """The state of the gripper, its opening within the stroke."""
-        state = _ask("the gripper", self._cell.gripper)
+        return _ask("the gripper", self._read_gripper)
+
+    def _read_gripper(self) -> GripperState:
+        state = self._cell.gripper()
         if state.fault is not None:
             raise CellFault(f"the gripper has a fault: {state.fault}")
         opening = _number(state.opening, "the gripper reports an opening of", " m")
@@ -235,8 +241,7 @@ class WatchedCell:
         end = self.now() + self.limits.max_frame_wait_s
         while True:
             try:
-                frame = _ask("the camera", self._cell.frame)
-                problem = self._frame_fault(frame, time_s)
+                frame, problem = _ask("the camera", lambda: self._read_frame(time_s))
             except CellFault as error:
                 frame, problem = None, str(error)
             if frame is not None and problem is None:
@@ -247,6 +252,10 @@ class WatchedCell:
                     f"the camera gives no usable image within {self.limits.max_frame_wait_s:g} s: {problem}"
                 )
             self.wait(self.limits.control_period_s)
+
+    def _read_frame(self, after: float) -> tuple[CameraFrame, str | None]:
+        frame = self._cell.frame()
+        return frame, self._frame_fault(frame, after)
 
     def _frame_fault(self, frame: CameraFrame, after: float) -> str | None:
         """Why a frame cannot be used; None if it can."""
@@ -312,7 +321,7 @@ def _ask(device: str, call: Callable[[], _T]) -> _T:
     """The result of a call of the cell; what a driver raises becomes a CellFault."""
     try:
         return call()
-    except CellFault:
+    except (CellFault, SimulationError):  # a simulated cell may diverge
         raise
     except Exception as error:
         raise CellFault(f"{device} does not answer: {type(error).__name__}: {error!s:.200}") from error
