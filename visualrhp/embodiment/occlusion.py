@@ -80,7 +80,7 @@ def all_hidden(camera: Camera, arm: Mask, masks: Sequence[Mask]) -> HiddenRegion
 
 
 def hidden_around(camera: Camera, arm: Mask, masks: Sequence[Mask], index: int) -> HiddenRegion:
-    """What is behind the arm or another object than ``index``, close to this object; arguments as :func:`all_hidden`."""
+    """What is behind the arm or another object than ``index``, close to it; arguments as :func:`all_hidden`."""
     mask = masks[index]
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):

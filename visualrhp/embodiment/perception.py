@@ -1,0 +1,381 @@
+"""From the camera's image and the robot's joints to the scene and the state of the planner (paper, Sec. 5.1).
+
+Segmentation finds the objects, outlines are taken to the table without parallax, tracks keep identities and shapes,
+template matching finds the target region, and forward kinematics gives the gripper. What is preloaded: the surface and
+the gripper's shape.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from visualrhp.embodiment.arm_silhouette import arm_mask
+from visualrhp.embodiment.camera import Camera
+from visualrhp.embodiment.kinds import Kind
+from visualrhp.embodiment.occlusion import all_hidden, hidden_around
+from visualrhp.embodiment.outlines import Silhouette, silhouette
+from visualrhp.embodiment.robot_cell import ArmState, CameraFrame, GripperState
+from visualrhp.embodiment.robot_model import CELL_GRIPPER, Mounting
+from visualrhp.embodiment.segmentation.detection import Detection, Mask, Segmenter
+from visualrhp.embodiment.separation import separated
+from visualrhp.embodiment.target_search import FoundTarget, TargetSearch, find_target
+from visualrhp.embodiment.tracking import GripperView, Track, Tracker, TrackerParameters
+from visualrhp.errors import PerceptionError
+from visualrhp.parameters import Count, Field, Fraction, Index, parameters
+from visualrhp.scene.scene import Scene, TargetRegion, square_edges
+from visualrhp.types import FloatArray, State
+
+
+class ForwardKinematics(Protocol):
+    """What perception needs of the arm's kinematics (:class:`visualrhp.embodiment.kinematics.ArmKinematics`)."""
+
+    @property
+    def mounting(self) -> Mounting:
+        """Where the base stands."""
+        ...
+
+    def forward(self, joints: FloatArray, /) -> GripperFrame:
+        """Pose of the gripper frame at joint positions [6] [rad]."""
+        ...
+
+
+class GripperFrame(Protocol):
+    """Pose of the gripper frame in the world frame: x [m], y [m], theta [rad]."""
+
+    @property
+    def x(self) -> float: ...
+    @property
+    def y(self) -> float: ...
+    @property
+    def theta(self) -> float: ...
+
+
+@parameters
+class DesiredObject:
+    """The object that the user names.
+
+    Attributes:
+        kind: what it is.
+        which: of several, in the order of their distance from the base of the robot, the closest first; from 0. It is
+            chosen in the first views, and keeps its identity afterwards.
+    """
+
+    kind: Kind = Field(default=Kind.ORANGE, strict=False)
+    which: Index = 0
+
+
+@parameters
+class FrameChecks:
+    """Which images are refused.
+
+    Attributes:
+        darkest: mean grey value below which an image is black.
+        least_contrast: standard deviation of the grey values below which it shows nothing.
+        refuse_repeated: whether an image that equals the last one in every pixel is refused as frozen: the noise of a
+            camera makes every image different.
+    """
+
+    darkest: Annotated[float, Field(ge=0, le=255)] = 8.0
+    least_contrast: Annotated[float, Field(ge=0, le=255)] = 2.0
+    refuse_repeated: bool = True
+
+
+@parameters
+class PerceptionParameters:
+    """Settings of the parts of perception.
+
+    Attributes:
+        least_score: of a detection that counts.
+        most_arm: share of a mask that may be the arm's; a detection with more is a part of the arm.
+        frames: which images are refused.
+        target: how the target region is found.
+        tracker: how tracks are kept.
+        target_views: views in a row in which the disc is in sight and not where it was, after which the camera or the
+            surface has moved.
+    """
+
+    least_score: Fraction = 0.5
+    most_arm: Fraction = 0.7
+    frames: FrameChecks = Field(default_factory=FrameChecks)
+    target: TargetSearch = Field(default_factory=TargetSearch)
+    tracker: TrackerParameters = Field(default_factory=TrackerParameters)
+    target_views: Count = 3
+
+
+@dataclass(frozen=True)
+class SeenObject:
+    """A track, as it is in one view.
+
+    Attributes:
+        id: of the track.
+        kind: what it is.
+        is_lying: whether it lies on its side.
+        outline: [V, 2] fine outline [m], world frame.
+        pose: [3] x [m], y [m], theta [rad], as in the state.
+        age_s: time since it was last detected [s].
+        is_hidden: something hides it.
+        is_held: it is between the closed fingers.
+        is_dropped: it has fallen off the surface.
+    """
+
+    id: int
+    kind: Kind
+    is_lying: bool
+    outline: FloatArray
+    pose: FloatArray
+    age_s: float
+    is_hidden: bool
+    is_held: bool
+    is_dropped: bool
+
+
+@dataclass(frozen=True)
+class View:
+    """What an image and the robot's joints tell.
+
+    Attributes:
+        scene: the desired object first, then the others in the order of their appearance.
+        state: the gripper, and the objects of ``scene``. Bodies do not overlap by more than a planner accepts.
+        tracks: of the objects of ``scene``, in this order.
+        detections: of the image.
+        arm: [H, W] pixels in which the arm may be seen.
+        target: the disc.
+        time_s: of the image, on the clock of the cell [s].
+        is_settled: another view would, as far as is known, not change what is there; otherwise, an object is new,
+            missed or of another shape, and another image should be taken before a decision.
+        latencies: wall-clock time of each part [s].
+    """
+
+    scene: Scene
+    state: State
+    tracks: tuple[SeenObject, ...]
+    detections: tuple[Detection, ...]
+    arm: Mask
+    target: FoundTarget
+    time_s: float
+    is_settled: bool
+    latencies: dict[str, float]
+
+
+class Perception:
+    """Interprets the images of one episode, one after the other.
+
+    Args:
+        camera: calibrated.
+        segmenter: finds the objects.
+        kinematics: of the arm.
+        desired: the object that is to be moved to the target region.
+        edges: [E, 2] of the surface [m], world frame; None for the square of the paper.
+        settings: of the parts.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        segmenter: Segmenter,
+        kinematics: ForwardKinematics,
+        desired: DesiredObject,
+        edges: FloatArray | None = None,
+        settings: PerceptionParameters | None = None,
+    ) -> None:
+        self.camera = camera
+        self.desired = desired
+        self.settings = settings or PerceptionParameters()
+        self._segmenter = segmenter
+        self._kinematics = kinematics
+        self._edges = square_edges(0.5) if edges is None else edges
+        self._tracker = Tracker(self._edges, CELL_GRIPPER, self.settings.tracker)
+        self._desired_id: int | None = None
+        self._target: FoundTarget | None = None
+        self._target_missed = 0
+        self._last_image: npt.NDArray[np.uint8] | None = None
+        self._last_time_s = -np.inf
+        self._scene: Scene | None = None
+
+    def perceive(self, frame: CameraFrame, arm: ArmState, gripper: GripperState, closed: bool) -> View:
+        """Interpret an image.
+
+        Args:
+            frame: taken with the arm at rest.
+            arm: state of the arm when it was taken.
+            gripper: state of the gripper when it was taken.
+            closed: whether the gripper was last commanded to close.
+
+        Raises:
+            PerceptionError: the image is black, frozen, older than the last one or of the wrong size; an object has
+                vanished; the target region or the desired object is not found.
+        """
+        latencies: dict[str, float] = {}
+        image = self._checked(frame)
+        with _timed(latencies, "kinematics"):
+            tool = self._kinematics.forward(arm.positions)
+            opening = float(np.clip(gripper.opening, 0.0, CELL_GRIPPER.stroke))
+            hand = GripperView(np.array([tool.x, tool.y, tool.theta]), opening, closed)
+            robot = arm_mask(self.camera, arm.positions, opening, self._kinematics.mounting)
+        with _timed(latencies, "segmentation"):
+            detections = self._kept(self._segmenter.segment(image), robot)
+        with _timed(latencies, "outlines"):
+            masks = [detection.mask for detection in detections]
+            found = [
+                silhouette(self.camera, detection, hidden_around(self.camera, robot, masks, number))
+                for number, detection in enumerate(detections)
+            ]
+        with _timed(latencies, "target"):
+            target = self._find_target(image, robot, masks)
+        with _timed(latencies, "tracking"):
+            seen: list[Silhouette] = [each for each in found if each is not None]
+            self._tracker.update(seen, all_hidden(self.camera, robot, masks), hand, frame.time_s)
+            tracks = self._ordered()
+        with _timed(latencies, "state"):
+            scene = self._scene_of(tracks, target)
+            poses, opening = separated(
+                scene.objects,
+                np.array([track.pose for track in tracks]),
+                CELL_GRIPPER,
+                hand.pose,
+                opening,
+                [number for number, track in enumerate(tracks) if track.is_held],
+            )
+            state = State.create(hand.pose, opening, closed, poses)
+        objects = tuple(_seen(track, pose, frame.time_s) for track, pose in zip(tracks, poses, strict=True))
+        return View(
+            scene,
+            state,
+            objects,
+            tuple(detections),
+            robot,
+            target,
+            frame.time_s,
+            self._tracker.is_settled,
+            latencies,
+        )
+
+    # ------------------------------------------------------------------------------------------------------ the image
+    def _checked(self, frame: CameraFrame) -> npt.NDArray[np.uint8]:
+        """The image of a frame, if it can be used."""
+        image, checks = frame.image, self.settings.frames
+        expected = (self.camera.height, self.camera.width, 3)
+        if image.shape != expected or image.dtype != np.uint8:
+            raise PerceptionError(
+                f"the image has the shape {list(image.shape)} and the type {image.dtype}; the calibrated camera gives "
+                f"{list(expected)} and uint8"
+            )
+        if frame.time_s <= self._last_time_s:
+            raise PerceptionError(
+                f"the image is of {frame.time_s:.3f} s, and the last one was of {self._last_time_s:.3f} s: the camera "
+                "gives old images"
+            )
+        coarse = image[::4, ::4]
+        if float(coarse.mean()) < checks.darkest:
+            raise PerceptionError(
+                f"the image is black (mean grey value {coarse.mean():.1f}); look at the lens, the light and the cable"
+            )
+        if float(coarse.std()) < checks.least_contrast:
+            raise PerceptionError(f"the image shows nothing: all its pixels are about {coarse.mean():.0f}")
+        if checks.refuse_repeated and self._last_image is not None and np.array_equal(image, self._last_image):
+            raise PerceptionError("the image is frozen: it equals the last one in every pixel")
+        self._last_image, self._last_time_s = image.copy(), frame.time_s
+        return image
+
+    def _kept(self, detections: list[Detection], robot: Mask) -> list[Detection]:
+        """Detections that count: confident, not of the arm, and each object once."""
+        kept: list[Detection] = []
+        for detection in sorted(detections, key=lambda each: -each.score):
+            size = int(np.count_nonzero(detection.mask))
+            if detection.score < self.settings.least_score or not size:
+                continue
+            if np.count_nonzero(detection.mask & robot) > self.settings.most_arm * size:
+                continue
+            if any(np.count_nonzero(detection.mask & other.mask) > _SAME * size for other in kept):
+                continue
+            kept.append(detection)
+        return kept
+
+    def _find_target(self, image: npt.NDArray[np.uint8], robot: Mask, masks: list[Mask]) -> FoundTarget:
+        """The target region: searched once, and looked at again while it is in sight."""
+        covered = robot.copy()
+        for mask in masks:
+            covered |= mask
+        search = self.settings.target
+        if self._target is None:
+            self._target = find_target(image, self.camera, self._edges, covered, search)
+            return self._target
+        try:
+            find_target(image, self.camera, self._edges, covered, search, near=self._target.position)
+            self._target_missed = 0
+        except PerceptionError as error:
+            if "cover" not in str(error):
+                self._target_missed += 1
+            if self._target_missed >= self.settings.target_views:
+                x, y = self._target.position
+                raise PerceptionError(
+                    f"the target region was at ({x:.3f}, {y:.3f}) and is not there any more: the camera or the surface "
+                    "has moved; calibrate the camera again"
+                ) from error
+        return self._target
+
+    # ------------------------------------------------------------------------------------------------------ the scene
+    def _ordered(self) -> tuple[Track, ...]:
+        """Tracks, the desired one first."""
+        tracks = self._tracker.tracks
+        if self._desired_id is None or self._desired_id not in {track.id for track in tracks}:
+            base = np.array([self._kinematics.mounting.x, self._kinematics.mounting.y])
+            candidates = [track for track in tracks if track.kind is self.desired.kind]
+            if len(candidates) <= self.desired.which:
+                seen = ", ".join(sorted(f"{track.kind} {track.id}" for track in tracks)) or "nothing"
+                raise PerceptionError(
+                    f"the desired object, {self.desired.kind} number {self.desired.which}, is not seen; "
+                    f"seen are: {seen}"
+                )
+            candidates.sort(key=lambda track: float(np.hypot(*(track.pose[:2] - base))))
+            chosen = candidates[self.desired.which].id
+            if self._tracker.is_settled:
+                self._desired_id = chosen
+        else:
+            chosen = self._desired_id
+        return tuple(sorted(tracks, key=lambda track: (track.id != chosen, track.id)))
+
+    def _scene_of(self, tracks: tuple[Track, ...], target: FoundTarget) -> Scene:
+        """The scene of the tracks; the same object as long as nothing of it changes."""
+        shapes = tuple(track.reference.shape for track in tracks)
+        if (
+            self._scene is None
+            or any(old is not new for old, new in zip(self._scene.objects, shapes, strict=False))
+            or len(shapes) != self._scene.num_objects
+        ):
+            region = TargetRegion(target.position, self.settings.target.radius)
+            self._scene = Scene(region, shapes, self._edges, CELL_GRIPPER)
+        return self._scene
+
+
+_SAME: Final = 0.7
+"""Share of a mask within that of a more confident detection from which on both are the same object."""
+
+
+def _seen(track: Track, pose: FloatArray, time_s: float) -> SeenObject:
+    outline = np.asarray(track.polygon.exterior.coords)[:-1]
+    return SeenObject(
+        track.id,
+        track.kind,
+        track.is_lying,
+        outline,
+        pose,
+        time_s - track.last_seen_s,
+        track.is_hidden,
+        track.is_held,
+        track.is_dropped,
+    )
+
+
+@contextmanager
+def _timed(latencies: dict[str, float], part: str) -> Iterator[None]:
+    started = time.perf_counter()
+    yield
+    latencies[part] = time.perf_counter() - started
