@@ -53,9 +53,9 @@ def _recoloured(image: ByteArray, augmentation: Augmentation, generator: np.rand
     grey = (np.arange(256, dtype=np.float32) / 255.0) ** exponent * 255.0
     # One table a channel: a value of a byte has one result.
     table = np.stack([np.clip(grey * colour, 0.0, 255.0) for colour in colours], axis=-1).astype(np.uint8)
-    image = cv2.LUT(image, table[None])
+    image = np.asarray(cv2.LUT(image, table[None]), np.uint8)
     if generator.random() < augmentation.blur:
-        image = cv2.GaussianBlur(image, (5, 5), float(generator.uniform(0.3, 1.0)))
+        image = np.asarray(cv2.GaussianBlur(image, (5, 5), float(generator.uniform(0.3, 1.0))), np.uint8)
     spread = float(generator.uniform(0.0, augmentation.noise))
     # Integers are enough for noise, and several times as fast to draw as floats.
     noise = (generator.standard_normal(image.shape, dtype=np.float32) * spread).astype(np.int16)

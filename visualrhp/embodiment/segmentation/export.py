@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import io
 import logging
 import os
 import warnings
@@ -50,16 +49,15 @@ def export_onnx(network: SegmentationNetwork, path: str | os.PathLike[str], size
     check_exporter()
     was_training = network.training
     example = torch.zeros((1, size, size, 3), dtype=torch.uint8)
-    content = io.BytesIO()
     level = logging.getLogger("torch.onnx").level
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            torch.onnx.export(
+            program = torch.onnx.export(
                 _Inference(network).eval(),
                 (example,),
-                content,
+                None,
                 input_names=[INPUT_NAME],
                 output_names=list(OUTPUT_NAMES),
                 verbose=False,
@@ -67,5 +65,6 @@ def export_onnx(network: SegmentationNetwork, path: str | os.PathLike[str], size
     finally:
         logging.getLogger("torch.onnx").setLevel(level)
         network.train(was_training)
+    assert program is not None  # since no file was named
     with atomic_path(path) as temporary:
-        temporary.write_bytes(content.getvalue())
+        temporary.write_bytes(program.model_proto.SerializeToString())

@@ -70,8 +70,8 @@ class Region:
 
 def network_input(image: ByteArray, region: Region, size: int = INPUT_SIZE) -> ByteArray:
     """[size, size, 3] the part ``region`` of ``image`` [H, W, 3], averaged over areas."""
-    part = np.ascontiguousarray(region.of(image))
-    return cv2.resize(part, (size, size), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    part = np.ascontiguousarray(region.of(image), dtype=np.uint8)
+    return np.asarray(cv2.resize(part, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def read_frames(path: Path) -> LabelledFrames:
     """
     FRAMES.require(path)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return LabelledFrames(arrays["images"], arrays["instances"], arrays["classes"])
     except DataError:
         raise

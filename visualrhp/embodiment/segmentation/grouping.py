@@ -54,7 +54,7 @@ class Instance:
 
 def find_peaks(centres: _Floats, config: GroupingConfig) -> npt.NDArray[np.int64]:
     """[K, 2] cells (x, y) of the peaks of the map of centres [G, G], highest first."""
-    centres = cv2.GaussianBlur(np.asarray(centres, np.float32), (3, 3), 0.8)
+    centres = _blurred(centres)
     highest = cv2.dilate(centres, np.ones((config.peak_distance, config.peak_distance), np.uint8))
     v, u = np.nonzero((centres >= highest) & (centres >= config.least_peak))
     order = np.argsort(-centres[v, u], kind="stable")
@@ -100,17 +100,20 @@ def group(
             continue
         indicator = np.zeros(covered.shape, np.float32)
         indicator[v[mine], u[mine]] = 1.0
-        claim = _enlarged(cv2.GaussianBlur(indicator, (3, 3), 0.8), size)
+        claim = _enlarged(_blurred(indicator), size)
         is_mine = claim > best
         best[is_mine] = claim[is_mine]
         label[is_mine] = len(found)
         found.append((FIRST_OBJECT_CLASS + class_index, score))
     is_object = surface > _COVERED
-    instances = [
-        Instance(index, is_object & (label == number), score) for number, (index, score) in enumerate(found)
-    ]
+    instances = [Instance(index, is_object & (label == number), score) for number, (index, score) in enumerate(found)]
     return [instance for instance in instances if instance.mask.any()]
 
 
 def _enlarged(cells: _Floats, size: int) -> npt.NDArray[np.float32]:
-    return cv2.resize(np.asarray(cells, np.float32), (size, size), interpolation=cv2.INTER_LINEAR)
+    enlarged = cv2.resize(np.asarray(cells, np.float32), (size, size), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(enlarged, np.float32)
+
+
+def _blurred(cells: _Floats) -> npt.NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(np.asarray(cells, np.float32), (3, 3), 0.8), np.float32)

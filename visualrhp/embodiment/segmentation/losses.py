@@ -50,7 +50,8 @@ def targets_of(frames: LabelledFrames) -> Targets:
     count, side = len(frames), frames.instances.shape[1] // CELL
     labels = _by_cell(frames.labels(), side)
     instances = _by_cell(frames.instances, side)
-    coverage = np.eye(NUM_CLASSES, dtype=np.float32)[labels].mean(axis=3)
+    coverage = np.stack([(labels == index).sum(axis=-1, dtype=np.float32) for index in range(NUM_CLASSES)], axis=1)
+    coverage /= CELL * CELL
     mixed = (instances != instances[..., :1]).any(axis=-1)
     centres = np.zeros((count, side, side), np.float32)
     offsets = np.zeros((count, 2, side, side), np.float32)
@@ -68,7 +69,7 @@ def targets_of(frames: LabelledFrames) -> Targets:
         for x, y in centre_of.values():  # the cell of a centre is a peak, wherever in the cell the centre is
             centres[frame, round(y), round(x)] = 1.0
     return Targets(
-        torch.from_numpy(coverage.transpose(0, 3, 1, 2).copy()),
+        torch.from_numpy(coverage),
         torch.from_numpy(1.0 + _EDGE_WEIGHT * mixed.astype(np.float32)),
         torch.from_numpy(centres),
         torch.from_numpy(offsets),
@@ -90,7 +91,7 @@ def visible_centres(instances: np.ndarray) -> dict[int, tuple[float, float]]:
 
     def sums(values: FloatArray | None) -> FloatArray:
         weights = None if values is None else np.repeat(values.reshape(-1), per_cell)
-        return np.bincount(flat, weights, minlength=size)[FIRST_INSTANCE:]
+        return np.bincount(flat, weights, minlength=size)[FIRST_INSTANCE:].astype(np.float64)
 
     area, x, y = sums(None), sums(u.astype(np.float64)), sums(v.astype(np.float64))
     numbers = np.flatnonzero(area >= LEAST_CELLS * per_cell)

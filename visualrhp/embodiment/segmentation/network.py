@@ -1,9 +1,9 @@
 """Our segmentation network: a small encoder and decoder with three outputs for every cell of a grid (torch).
 
-The outputs are those of Panoptic-DeepLab (Cheng et al., 2020): the class of each cell, a map whose peaks are the centres
-of the visible parts of objects, and the offset from each cell to the centre of its object. Objects that touch are told
-apart by their centres. A cell is 2 x 2 pixels of the input; probabilities of classes are coverages of the cell, so that
-outlines are found between cells by interpolation (:mod:`visualrhp.embodiment.segmentation.grouping`).
+The outputs are those of Panoptic-DeepLab (Cheng et al., 2020): the class of each cell, a map whose peaks are the
+centres of the visible parts of objects, and the offset from each cell to the centre of its object. Objects that touch
+are told apart by their centres. A cell is 2 x 2 pixels of the input; probabilities of classes are coverages of it, so
+that outlines are found between cells by interpolation (:mod:`visualrhp.embodiment.segmentation.grouping`).
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class NetworkConfig:
     def __post_init__(self) -> None:
         if len(self.blocks) != len(self.widths) - 1 or len(self.blocks) < 2:
             raise ValueError(
-                f"blocks={list(self.blocks)} should have one number for each of the {len(self.widths) - 1} stages after "
-                "the stem, of which there are at least two."
+                f"blocks={list(self.blocks)} should have one number for each of the {len(self.widths) - 1} stages "
+                "after the stem, of which there are at least two."
             )
 
 
