@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.embodiment.planar_cell import PlanarCell, PlanarKinematics, PlanarPerception, planar_task, pushing_task
-from visualrhp.embodiment.looking import TruePerception
 from visualrhp.embodiment.robot_world import RobotWorld
+from visualrhp.embodiment.true_state import TruePerception
 from visualrhp.errors import ActionError, CellFault, UnreachableError
 from visualrhp.execution import run_episode
 from visualrhp.planning.planner import Decision, Planner

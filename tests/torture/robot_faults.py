@@ -336,7 +336,7 @@ class FaultyCell:
     def stop(self) -> None:
         self.num_stops += 1
         self.cell.stop()
-        if self.fault.kind in STOP and self.fault.must_stop:
+        if self.fault.kind == "stop raises" and self.fault.must_stop:
             raise OSError("no connection")
 
     def close(self) -> None:

@@ -35,36 +35,19 @@ class SeenScene(Protocol):
         """Poses of the gripper and the objects."""
         ...
 
+    # Optional: ``is_settled: bool``, False if another look might change what is there.
+
 
 class Perceiver(Protocol):
-    """Interprets frames: :class:`visualrhp.embodiment.perception.Perception`, or :class:`TruePerception`."""
+    """Interprets frames: :class:`visualrhp.embodiment.perception.Perception`, or
+    :class:`visualrhp.embodiment.true_state.TruePerception`.
+
+    Attributes of an implementation that has no camera: ``needs_camera = False``.
+    """
 
     def perceive(self, frame: CameraFrame, arm: ArmState, gripper: GripperState, closed: bool) -> SeenScene:
         """Find scene and state; ``closed`` is the commanded state of the gripper. Raises PerceptionError."""
         ...
-
-
-class TruePerception:
-    """The true state of a simulated cell instead of its camera, to tell what perception costs.
-
-    Args:
-        truth: returns the true scene and state, the desired object first.
-    """
-
-    needs_camera = False
-
-    def __init__(self, truth: Callable[[], tuple[Scene, State]]) -> None:
-        self._truth = truth
-
-    def perceive(self, frame: CameraFrame, arm: ArmState, gripper: GripperState, closed: bool) -> SeenScene:
-        scene, state = self._truth()
-        return _True(scene, State.create(state.gripper_pose, state.gripper_opening, closed, state.object_poses))
-
-
-@dataclass(frozen=True)
-class _True:
-    scene: Scene
-    state: State
 
 
 @parameters
@@ -176,11 +159,13 @@ class Looker:
             if isinstance(again, PerceptionError):
                 sight, problem = None, str(again)
                 continue
-            if expected is not None and self._is_possible(expected.view, again.view):
+            agrees = sight is not None and self.agree(sight.view, again.view)
+            is_settled = getattr(again.view, "is_settled", True)
+            if is_settled and (agrees or (expected is not None and self._is_possible(expected.view, again.view))):
                 return again
-            if sight is not None and self.agree(sight.view, again.view):
-                return again
-            expected, sight, problem = None, again, "what is detected changes from frame to frame"
+            if is_settled:  # it is another scene than before
+                expected = None
+            sight, problem = again, "what is detected changes from frame to frame"
         raise PerceptionError(f"{self.limits.max_looks} looks in succession give no clear view: {problem}")
 
     def _look_once(self, closed: bool, latency: StepLatency) -> Sight | PerceptionError:
