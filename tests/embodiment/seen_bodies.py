@@ -87,14 +87,22 @@ def lying_bottle(radius: float = 0.033, length: float = 0.2) -> Body:
 
 def painted(camera: Camera, polygon: shapely.Geometry) -> np.ndarray:
     """[H, W] bool: the pixels more than half of which a polygon (in pixels) covers."""
-    scale = 4
-    image = np.zeros((camera.height * scale, camera.width * scale), dtype=np.uint8)
+    mask = np.zeros((camera.height, camera.width), dtype=bool)
     for piece in shapely.get_parts(polygon):
-        if isinstance(piece, shapely.Polygon) and not piece.is_empty:
-            points = (shapely.get_coordinates(piece.exterior) + 0.5) * scale - 0.5
-            cv2.fillPoly(image, [np.round(points * 16).astype(np.int32)], 1, shift=4)
-    small = cv2.resize(image.astype(np.float32), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return small > 0.5
+        if not isinstance(piece, shapely.Polygon) or piece.is_empty:
+            continue
+        left, top, right, bottom = piece.bounds
+        column, row = max(int(left) - 1, 0), max(int(top) - 1, 0)
+        width, height = min(int(right) + 2, camera.width) - column, min(int(bottom) + 2, camera.height) - row
+        if width <= 0 or height <= 0:
+            continue
+        scale = 4
+        image = np.zeros((height * scale, width * scale), dtype=np.uint8)
+        points = (shapely.get_coordinates(piece.exterior) - (column, row) + 0.5) * scale - 0.5
+        cv2.fillPoly(image, [np.round(points * 16).astype(np.int32)], 1, shift=4)
+        small = cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        mask[row : row + height, column : column + width] |= small > 0.5
+    return mask
 
 
 def detection(camera: Camera, body: Body, hidden: np.ndarray | None = None) -> Detection:

@@ -100,9 +100,10 @@ def find_target(
     inside = np.zeros(weights.shape, dtype=np.uint8)
     cv2.fillPoly(inside, [np.round((edges - low) * scale * 16).astype(np.int32)], 1, shift=4)
     weights *= inside
-    score, visible = _scores(rectified, weights, search)
+    score, visible, is_seen = _scores(rectified, weights, search)
     if not np.isfinite(score).any():
-        raise PerceptionError("the target disc is not found: objects and arm cover the surface")
+        why = "nothing in the image differs from the surface" if is_seen else "objects and arm cover the surface"
+        raise PerceptionError(f"the target disc is not found: {why}")
     best = int(np.nanargmax(np.where(np.isfinite(score), score, -np.inf)))
     row, column = divmod(best, score.shape[1])
     found = float(score[row, column])
@@ -155,9 +156,9 @@ def _template(search: TargetSearch) -> tuple[npt.NDArray[np.float32], npt.NDArra
 
 def _scores(
     image: npt.NDArray[np.float32], weights: npt.NDArray[np.float32], search: TargetSearch
-) -> tuple[FloatArray, FloatArray]:
-    """The coefficient of determination at every place of the template (NaN where too little is seen), and the share of
-    the template that is seen."""
+) -> tuple[FloatArray, FloatArray, bool]:
+    """The coefficient of determination at every place of the template (NaN where too little is seen or
+    nothing differs), the share of the template that is seen, and whether enough is seen anywhere."""
     printed, window = _template(search)
 
     def total(values: npt.NDArray[np.float32], kernel: npt.NDArray[np.float32]) -> FloatArray:
@@ -179,8 +180,9 @@ def _scores(
     # At least a fifth of disc and surroundings each: one of them alone shows no contrast.
     balanced = spread_printed > 0.2 * 0.8 * 0.25
     contrast = np.sqrt(explained / np.maximum(spread_printed, 1e-9))
-    is_candidate = (visible >= search.least_visible) & balanced & (contrast > _LEAST_CONTRAST)
-    return np.where(is_candidate, explained / np.maximum(variance, 1e-6), np.nan), visible
+    is_seen = (visible >= search.least_visible) & balanced
+    is_candidate = is_seen & (contrast > _LEAST_CONTRAST)
+    return np.where(is_candidate, explained / np.maximum(variance, 1e-6), np.nan), visible, bool(is_seen.any())
 
 
 def _vertex(values: FloatArray, index: int) -> float:
