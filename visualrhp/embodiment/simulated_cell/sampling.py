@@ -54,7 +54,7 @@ class CellDistribution:
         desired_size: size class of the desired object.
         object_size: size class of the obstacles.
         layout: where target and desired object are, see :data:`visualrhp.scene.sampling.Layout`.
-        target_radius: of the printed target.
+        target_radius: of the printed target, which lies on the table entirely.
         clearance: least distance between objects, gripper and edges at the start.
         start_distance: range of the distance of the gripper frame's origin from its edge at the start.
         start_angle: largest deviation of the gripper's heading from the inward normal of its edge [rad].
@@ -79,7 +79,7 @@ class CellDistribution:
     desired_size: ObjectSize = "small"
     object_size: ObjectSize = "mixed"
     layout: Layout = "uniform"
-    target_radius: Positive = 0.07
+    target_radius: Annotated[float, Field(gt=0, le=0.2)] = 0.07
     clearance: NonNegative = 0.008
     start_distance: Annotated[tuple[float, float], AsTuple] = (0.01, 0.05)
     start_angle: Annotated[float, Field(ge=0, le=3.1416)] = math.pi / 6.0
@@ -198,10 +198,11 @@ def _is_behind(outlines: tuple[FloatArray, ...], poses: FloatArray, gripper_pose
 
 
 def _sample_target(distribution: CellDistribution, edges: FloatArray, rng: np.random.Generator) -> FloatArray:
-    low, high = float(edges.min()), float(edges.max())
+    """[2] centre of the target, printed on the table: its disc is within the edges."""
+    limit = float(edges.max()) - distribution.target_radius
     while True:
-        x, y = sample_position(low, high, rng)
-        if distribution.layout != "target_at_edge" or high - max(abs(x), abs(y)) <= EDGE_DISTANCE:
+        x, y = sample_position(-limit, limit, rng)
+        if distribution.layout != "target_at_edge" or limit - max(abs(x), abs(y)) <= EDGE_DISTANCE:
             return np.array([x, y])
 
 
@@ -225,7 +226,11 @@ def _sample_camera(distribution: CellDistribution, rng: np.random.Generator) -> 
     radial = distribution.lens_distortion * float(rng.uniform(-1.0, 1.0))
     place = offset + (0.0, 0.0, CAMERA_HEIGHT)
     level = Camera.above(
-        place, focal, *IMAGE_SIZE, look_at=(offset[0] + tilt[0], offset[1] + tilt[1], 0.0), distortion=[radial, 0, 0, 0, 0]
+        place,
+        focal,
+        *IMAGE_SIZE,
+        look_at=(offset[0] + tilt[0], offset[1] + tilt[1], 0.0),
+        distortion=[radial, 0, 0, 0, 0],
     )
     pose = level.pose.copy()
     c, s = math.cos(roll), math.sin(roll)
