@@ -1,4 +1,4 @@
-"""What is true of a simulated cell in the place of what its camera shows, to tell what each part of perception costs."""
+"""What is true of a simulated cell instead of what its camera shows, to tell what each part of perception costs."""
 
 from __future__ import annotations
 
