@@ -107,7 +107,8 @@ class SimulatedCell(RobotCell):
         owner[self._bodies] = np.arange(len(self._bodies))
         self._owner = np.append(owner[model.geom_bodyid], BACKGROUND)  # the last entry is that of no geom
 
-    # --------------------------------------------------------------------------------------------------------- RobotCell
+    # RobotCell
+
     def now(self) -> float:
         return self._clock
 
@@ -162,7 +163,8 @@ class SimulatedCell(RobotCell):
         if self._renderer is not None:
             self._renderer.close()
 
-    # ------------------------------------------------------------------------------------------------------- ground truth
+    # Ground truth
+
     @property
     def camera(self) -> Camera:
         """The true camera."""
@@ -232,7 +234,8 @@ class SimulatedCell(RobotCell):
         self._opening_target, self._opening_command = snapshot.controls[5:]
         self._mujoco.mj_forward(self._model, self._data)
 
-    # ------------------------------------------------------------------------------------------------------------ internal
+    # Internal
+
     @property
     def _rendering(self) -> CellRenderer:
         if self._renderer is None:
@@ -256,7 +259,9 @@ class SimulatedCell(RobotCell):
             count = steps - done if is_idle else 1
             self._mujoco.mj_step(self._model, data, count)
             gap = self._opening_target - self._opening_command
-            self._opening_command = self._opening_target if abs(gap) <= change else self._opening_command + np.sign(gap) * change
+            self._opening_command += float(np.clip(gap, -change, change))
+            if abs(gap) <= change:
+                self._opening_command = self._opening_target
             self._steps += count
             done += count
         # Positions of bodies and geoms are those before the last step, until they are computed.

@@ -88,7 +88,9 @@ def sample_look(rng: np.random.Generator, noise: tuple[float, float], blur: tupl
     )
 
 
-# ------------------------------------------------------------------------------------------------------------ textures
+# Textures
+
+
 def object_texture(thing: CellObject) -> Texture:
     """[H, W, 3] of an object; around its axis to the right, along its profile from the bottom downwards."""
     rng = np.random.default_rng(thing.look)
@@ -136,7 +138,9 @@ def _apple(colour: Rgb | None, rng: np.random.Generator) -> Texture:
     choices += (((0.12, 0.16), (0.55, 0.8), (0.75, 0.95)),)
     base = np.array(colour) if colour else _hsv(rng, *choices[rng.integers(3)])
     other = _hsv(rng, *choices[rng.integers(3)])
-    blend = np.clip(0.35 * _noise(rng, (5, 5), _SIZE) + 0.12 * _noise(rng, (3, 40), _SIZE) + rng.uniform(-0.3, 0.3), 0, 1)
+    blend = np.clip(
+        0.35 * _noise(rng, (5, 5), _SIZE) + 0.12 * _noise(rng, (3, 40), _SIZE) + rng.uniform(-0.3, 0.3), 0, 1
+    )
     image = base * (1.0 - blend[..., None]) + other * blend[..., None]
     v = np.linspace(0.0, 1.0, _SIZE)[:, None, None]
     image = image * np.clip(1.1 - 0.7 * np.exp(-((np.minimum(v, 1.0 - v) / 0.06) ** 2)), 0.0, 1.0)
@@ -211,7 +215,7 @@ def _hsv(
 
 def _noise(rng: np.random.Generator, grid: tuple[int, int], size: int) -> npt.NDArray[np.float64]:
     """[size, size] smooth noise with about ``grid`` cells, standard deviation about 1."""
-    return cv2.resize(rng.standard_normal(grid), (size, size), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.resize(rng.standard_normal(grid), (size, size)), dtype=np.float64)
 
 
 def _paint(base: npt.NDArray[np.float64], variation: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

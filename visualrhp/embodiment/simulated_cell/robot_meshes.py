@@ -80,7 +80,7 @@ def use_coarse_meshes(spec: Any) -> None:
 
 @functools.cache
 def coarse_meshes() -> tuple[dict[str, CoarseMesh], dict[str, Inertia]]:
-    """Of every mesh of the robot by its name, and the inertia of every body by its name; a second for the first call."""
+    """Meshes of the robot and inertias of its bodies, by their names. The first call takes a second."""
     mujoco = robot_package("mujoco")
     model = robot_spec(Mounting()).compile()
     meshes = {}
@@ -107,9 +107,7 @@ def coarse_meshes() -> tuple[dict[str, CoarseMesh], dict[str, Inertia]]:
     return meshes, inertias
 
 
-def merged(
-    vertices: FloatArray, faces: npt.NDArray[np.int64], grid: float
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def merged(vertices: FloatArray, faces: npt.NDArray[np.int64], grid: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """A mesh in which the vertices in each cube of a grid are their mean.
 
     Args:

@@ -177,7 +177,9 @@ def _arrange(
         return None
     hulls = [geometry.convex_hull(thing.solid.silhouette(thing.rotation(0.0))) for thing in objects]
     outlines, centres = zip(*(centred(hull) for hull in hulls), strict=True)
-    rules = SceneDistribution(clearance=distribution.clearance, layout=distribution.layout, num_objects=MAX_OBJECTS)
+    rules = SceneDistribution(
+        clearance=distribution.clearance, layout=distribution.layout, num_objects=(1, MAX_OBJECTS)
+    )
     fingers = CELL_GRIPPER.outlines(gripper_pose, CELL_GRIPPER.stroke)
     placed = place_objects(rules, outlines, edges, target, fingers, rng)
     if placed is None:

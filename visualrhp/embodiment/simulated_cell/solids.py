@@ -5,6 +5,7 @@ Body frame: origin halfway up the axis of the object as it stands, z along that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -181,12 +182,14 @@ def _strips(rows: int, columns: int) -> npt.NDArray[np.int64]:
     return np.concatenate([lower, upper])
 
 
-def _outline(hulls: list[shapely.Geometry]) -> FloatArray:
+def _outline(hulls: Sequence[shapely.Geometry]) -> FloatArray:
     union = hulls[0] if len(hulls) == 1 else shapely.union_all(hulls)
     return simplify_contour(union, SILHOUETTE_TOLERANCE)
 
 
-# ----------------------------------------------------------------------------------------------------- shapes of kinds
+# Shapes of kinds
+
+
 def _arc(height: float, radius: float, count: int) -> list[tuple[float, float]]:
     """Profile of an ellipsoid of ``height`` and equatorial ``radius``."""
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, count)
