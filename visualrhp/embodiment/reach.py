@@ -47,7 +47,7 @@ LEAVING_ANGLE: Final = math.radians(5.0)
 """[rad], see :data:`LEAVING_DISTANCE`."""
 
 REACH_FILE: Final = "reach_map.npz"
-_HEADING_STEP = 2.0 * math.pi / NUM_HEADINGS
+_HEADING_STEP: Final = 2.0 * math.pi / NUM_HEADINGS
 
 
 def geometry_of(mounting: Mounting) -> FloatArray:
@@ -71,6 +71,7 @@ class ReachMap:
     free: npt.NDArray[np.bool_]
     workspace: float = WORKSPACE
     _padded: npt.NDArray[np.bool_] = field(init=False, repr=False)
+    _cells: bytes = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.free.ndim != 2 or self.free.shape[1] != NUM_HEADINGS or self.free.dtype != np.bool_:
@@ -81,6 +82,7 @@ class ReachMap:
         padded = np.concatenate([self.free, np.zeros((1, NUM_HEADINGS), bool)])  # beyond the last radius
         padded.setflags(write=False)
         object.__setattr__(self, "_padded", padded)
+        object.__setattr__(self, "_cells", self.free.tobytes())
 
     def contains(self, poses: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether the arm can take each pose of the gripper frame.
@@ -108,9 +110,7 @@ class ReachMap:
         The way and the end must be in the map; the start may be just outside (:data:`LEAVING_DISTANCE`). Opening and
         closing the fingers is always possible.
         """
-        pose = np.asarray(pose, dtype=np.float64)
-        displacement = displacement_of(float(pose[2]), motion)
-        return bool(self.contains(_way(pose, displacement)).all())
+        return self._obstacle(pose, motion) is None
 
     def check(self, pose: npt.ArrayLike, motion: GripperMotion) -> None:
         """Check that :meth:`allows`.
@@ -118,21 +118,44 @@ class ReachMap:
         Raises:
             UnreachableError: it does not; says where.
         """
-        pose = np.asarray(pose, dtype=np.float64)
-        way = _way(pose, displacement_of(float(pose[2]), motion))
-        inside = self.contains(way)
-        if not inside.all():
-            x, y, theta = way[int(np.argmin(inside))]
-            box = max(abs(x), abs(y)) > self.workspace
-            why = (
-                f"is outside the workspace, a square of {2 * self.workspace:g} m around the centre of the table"
-                if box
-                else "cannot be taken by the arm: it is too far, too near, or the arm would touch itself"
-            )
+        obstacle = self._obstacle(pose, motion)
+        if obstacle is not None:
+            x, y, theta = obstacle
+            why = "cannot be taken by the arm: it is too far, too near, or the arm would touch itself"
+            if max(abs(x), abs(y)) > self.workspace:
+                why = f"is outside the workspace, a square of {2 * self.workspace:g} m around the centre of the table"
             raise UnreachableError(
                 f"the motion would lead through the pose ({x:.3f} m, {y:.3f} m, {math.degrees(theta):.1f} degrees), "
                 f"which {why}"
             )
+
+    def _obstacle(self, pose: npt.ArrayLike, motion: GripperMotion) -> tuple[float, float, float] | None:
+        """A pose of the way, from a little after its start to its end, that is not in the map; None if there is none.
+
+        In plain Python, which is three times as fast as NumPy for so few poses: roll-outs ask before every action.
+        """
+        x, y, theta = np.asarray(pose, dtype=np.float64).tolist()
+        dx, dy, turn = _displacement(theta, motion)
+        count = math.ceil(max(math.hypot(dx, dy) / LEAVING_DISTANCE, abs(turn) / LEAVING_ANGLE))
+        for k in range(count, 0, -1):  # the end leaves the map most often
+            part = k / count
+            at = x + part * dx, y + part * dy, theta + part * turn
+            if not self._contains_one(*at):
+                return at
+        return None
+
+    def _contains_one(self, x: float, y: float, theta: float) -> bool:
+        """:meth:`contains` of one pose."""
+        across = x - FLANGE_BEHIND * math.cos(theta) - self.mounting.x
+        up = y - FLANGE_BEHIND * math.sin(theta) - self.mounting.y
+        radius = int(math.hypot(across, up) / RADIUS_STEP)
+        heading = int((theta - math.atan2(up, across)) / _HEADING_STEP % NUM_HEADINGS)
+        return (
+            -self.workspace <= x <= self.workspace
+            and -self.workspace <= y <= self.workspace
+            and radius < len(self.free)
+            and self._cells[radius * NUM_HEADINGS + min(heading, NUM_HEADINGS - 1)] != 0
+        )
 
     def headings(self, position: Sequence[float], count: int = 72) -> npt.NDArray[np.bool_]:
         """[count] which of as many headings, from 0 counter-clockwise, the gripper can take at ``position`` [2] [m].
@@ -174,14 +197,9 @@ class ReachMap:
 
 def displacement_of(theta: float, motion: GripperMotion) -> FloatArray:
     """[3] change of x, y [m] and theta [rad] in the world frame by ``motion`` from the heading ``theta`` [rad]."""
+    return np.array(_displacement(theta, motion))
+
+
+def _displacement(theta: float, motion: GripperMotion) -> tuple[float, float, float]:
     cos, sin = math.cos(theta), math.sin(theta)
-    return np.array(
-        [cos * motion.forward - sin * motion.left, sin * motion.forward + cos * motion.left, motion.rotation]
-    )
-
-
-def _way(pose: FloatArray, displacement: FloatArray) -> FloatArray:
-    """[K, 3] poses of a motion, from a little after its start to its end; none if nothing moves."""
-    dx, dy, turn = displacement.tolist()
-    count = math.ceil(max(math.hypot(dx, dy) / LEAVING_DISTANCE, abs(turn) / LEAVING_ANGLE))
-    return pose + np.linspace(0.0, 1.0, count + 1)[1:, None] * displacement
+    return cos * motion.forward - sin * motion.left, sin * motion.forward + cos * motion.left, motion.rotation

@@ -13,7 +13,7 @@ from visualrhp.errors import UnreachableError
 from visualrhp.parameters import Positive, parameters
 from visualrhp.types import FloatArray
 
-_MOST_STRETCHES = 20
+_LONGEST = 600.0  # [s]; a path that jumps would take for ever
 
 
 @parameters
@@ -75,7 +75,7 @@ def timed(
     motion = motion or MotionParameters()
     ramp = motion.ramp_s
     duration = max(length / motion.speed, abs(rotation) / motion.rotation_speed, ramp) + ramp
-    for _ in range(_MOST_STRETCHES):
+    while duration < _LONGEST:
         times = np.linspace(0.0, duration, max(int(np.ceil(duration / motion.period_s)), 2) + 1)
         trajectory = JointTrajectory(times, curve(progress(times, duration, ramp)))
         _check_positions(trajectory, limits)
@@ -84,8 +84,8 @@ def timed(
             return trajectory
         duration, ramp = 1.02 * excess * duration, 1.02 * excess * ramp
     raise UnreachableError(
-        f"a joint would have to move faster than its limit, however slow the motion: the path jumps in the joints (of "
-        f"{length:.3f} m and {rotation:.3f} rad)"
+        f"a joint would move faster than its limit in a motion of {length:.3f} m and {rotation:.3f} rad, or the motion "
+        f"would take longer than {_LONGEST:g} s: the path jumps in the joints"
     )
 
 
