@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tests.embodiment.segmentation.painter import painted_frames
-from visualrhp.embodiment.segmentation.augmentation import Augmentation, augmented
+from visualrhp.embodiment.segmentation.augmentation import augmented
+from visualrhp.embodiment.segmentation.configs import Augmentation
 
 PLAIN = Augmentation(brightness=0.0, colour=0.0, contrast=0.0, blur=0.0, noise=0.0)
 

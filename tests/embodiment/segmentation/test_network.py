@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from visualrhp.embodiment.segmentation.classes import NUM_CLASSES
-from visualrhp.embodiment.segmentation.network import NetworkConfig, SegmentationNetwork
+from visualrhp.embodiment.segmentation.configs import NetworkConfig
+from visualrhp.embodiment.segmentation.network import SegmentationNetwork
 from visualrhp.errors import ConfigError
 
 TINY = NetworkConfig((4, 6, 8), (1, 1), 6, 4)

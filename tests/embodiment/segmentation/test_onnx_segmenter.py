@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from tests.embodiment.segmentation.painter import painted_image
+from visualrhp.embodiment.segmentation.configs import NetworkConfig
 from visualrhp.embodiment.segmentation.export import export_onnx
 from visualrhp.embodiment.segmentation.frames import Region, network_input
-from visualrhp.embodiment.segmentation.network import OFFSET_UNIT, NetworkConfig, SegmentationNetwork
+from visualrhp.embodiment.segmentation.network import OFFSET_UNIT, SegmentationNetwork
 from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
 from visualrhp.errors import CheckpointError, PerceptionError
 

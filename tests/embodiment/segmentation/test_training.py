@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from tests.embodiment.segmentation.painter import painted_frames
-from visualrhp.embodiment.segmentation.network import NetworkConfig, SegmentationNetwork
-from visualrhp.embodiment.segmentation.training import SegmenterTraining, SegmenterTrainingConfig
+from visualrhp.embodiment.segmentation.configs import NetworkConfig, SegmenterTrainingConfig
+from visualrhp.embodiment.segmentation.network import SegmentationNetwork
+from visualrhp.embodiment.segmentation.training import SegmenterTraining
 from visualrhp.errors import CheckpointError, DataError, LearningError
 
 TINY = NetworkConfig((4, 8, 12), (1, 1), 8, 8)

@@ -2,34 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import cv2
 import numpy as np
 
+from visualrhp.embodiment.segmentation.configs import Augmentation
 from visualrhp.embodiment.segmentation.frames import ByteArray, LabelledFrames
-from visualrhp.parameters import Field, Fraction, NonNegative, parameters
-
-
-@parameters
-class Augmentation:
-    """How much frames are changed.
-
-    Attributes:
-        brightness: largest factor of the light, and of its reciprocal, less 1.
-        colour: largest factor of each of the three channels, and of its reciprocal, less 1.
-        contrast: largest exponent of the grey values, and of its reciprocal, less 1.
-        blur: probability of a blur, with a standard deviation of at most 1 pixel.
-        noise: largest standard deviation of added noise [grey values].
-        turn: whether frames are turned by multiples of a right angle, and mirrored.
-    """
-
-    brightness: NonNegative = 0.35
-    colour: NonNegative = 0.12
-    contrast: NonNegative = 0.25
-    blur: Fraction = 0.3
-    noise: Annotated[float, Field(ge=0, le=100)] = 8.0
-    turn: bool = True
 
 
 def augmented(frames: LabelledFrames, augmentation: Augmentation, generator: np.random.Generator) -> LabelledFrames:

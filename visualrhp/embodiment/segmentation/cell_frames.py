@@ -13,12 +13,12 @@ from visualrhp.embodiment.kinematics import ArmKinematics
 from visualrhp.embodiment.robot_cell import JointTrajectory
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
 from visualrhp.embodiment.segmentation.classes import BACKGROUND, class_of
+from visualrhp.embodiment.segmentation.configs import FrameSampling
 from visualrhp.embodiment.segmentation.frames import FIRST_INSTANCE, LabelledFrames, Region, join, labelled_frame
 from visualrhp.embodiment.segmentation.scores import SeenObject
 from visualrhp.embodiment.simulated_cell.cell import MIN_VISIBLE_PIXELS, ROBOT, SimulatedCell
 from visualrhp.embodiment.simulated_cell.sampling import CellDistribution, sample_cell
 from visualrhp.errors import SimulationError, UnreachableError
-from visualrhp.parameters import Count, Fraction, NonNegative, parameters
 from visualrhp.simulation.action_spaces import MAX_ROTATION, MAX_TRANSLATION, GripperMotion
 from visualrhp.streams import Split, Stream, generator_for
 
@@ -26,23 +26,6 @@ _ATTEMPTS: Final = 20
 """Motions that are drawn until the arm can make one."""
 
 _ROBOT_LABEL: Final = 1
-
-
-@parameters(kw_only=True)
-class FrameSampling:
-    """How frames are taken of a cell.
-
-    Attributes:
-        frames_per_cell: frames of each cell; before each but the first the arm moves, and pushes what is in its way.
-        motions: motions before each frame.
-        grasp: probability that a motion opens or closes the fingers.
-        settle_s: time after the motions [s]; objects may still roll.
-    """
-
-    frames_per_cell: Count = 5
-    motions: Count = 2
-    grasp: Fraction = 0.25
-    settle_s: NonNegative = 0.2
 
 
 def generate_frames(

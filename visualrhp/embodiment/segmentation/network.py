@@ -9,14 +9,14 @@ that outlines are found between cells by interpolation (:mod:`visualrhp.embodime
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Final
 
 import torch
 from torch import nn
 from torch.nn import functional
 
 from visualrhp.embodiment.segmentation.classes import NUM_CLASSES
-from visualrhp.parameters import AsTuple, Count, parameters
+from visualrhp.embodiment.segmentation.configs import NetworkConfig
 
 CELL: Final = 2
 """Side of a cell of the outputs [pixels of the input]."""
@@ -26,31 +26,6 @@ OFFSET_UNIT: Final = 8.0
 
 _PRIOR_LOGIT: Final = -4.0
 """First logit of the map of centres, few of whose cells are centres."""
-
-
-@parameters
-class NetworkConfig:
-    """Size of the network.
-
-    Attributes:
-        widths: channels of the stem (half the resolution of the input), and of the stages after it, each of half the
-            resolution of the previous one.
-        blocks: residual blocks of each stage.
-        decoder_width: channels of the decoder.
-        fine_width: channels of its last layer, which has the resolution of the stem.
-    """
-
-    widths: Annotated[tuple[Count, ...], AsTuple] = (16, 24, 48, 96, 128)
-    blocks: Annotated[tuple[Count, ...], AsTuple] = (1, 2, 2, 1)
-    decoder_width: Count = 32
-    fine_width: Count = 16
-
-    def __post_init__(self) -> None:
-        if len(self.blocks) != len(self.widths) - 1 or len(self.blocks) < 2:
-            raise ValueError(
-                f"blocks={list(self.blocks)} should have one number for each of the {len(self.widths) - 1} stages "
-                "after the stem, of which there are at least two."
-            )
 
 
 @dataclass(frozen=True)

@@ -6,46 +6,23 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import torch
 
 from visualrhp.documents import document
-from visualrhp.embodiment.segmentation.augmentation import Augmentation, augmented
+from visualrhp.embodiment.segmentation.augmentation import augmented
+from visualrhp.embodiment.segmentation.configs import SegmenterTrainingConfig
 from visualrhp.embodiment.segmentation.frames import LabelledFrames
 from visualrhp.embodiment.segmentation.losses import class_agreement, segmentation_loss, targets_of
 from visualrhp.embodiment.segmentation.network import SegmentationNetwork
 from visualrhp.errors import DataError, LearningError
 from visualrhp.learning.history import EpochHistory
 from visualrhp.learning.training_state import load_training_state, save_training_state
-from visualrhp.parameters import Count, Field, Index, NonNegative, Positive, parameters
+from visualrhp.parameters import Index
 from visualrhp.streams import TrainingStream
 from visualrhp.types import Metrics
-
-
-@parameters
-class SegmenterTrainingConfig:
-    """Parameters of the training.
-
-    Attributes:
-        epochs: passes over the frames.
-        batch_size: frames of a step.
-        lr: highest learning rate of AdamW; it rises during the first epoch's share ``warm_up`` and falls to zero along
-            a cosine.
-        warm_up: share of the steps in which the learning rate rises.
-        weight_decay: of AdamW.
-        validation_fraction: share of held-out frames, the last ones.
-        augmentation: of the training frames.
-    """
-
-    epochs: Count = 12
-    batch_size: Count = 16
-    lr: Positive = 2e-3
-    warm_up: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    weight_decay: NonNegative = 1e-4
-    validation_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    augmentation: Augmentation = Augmentation()
 
 
 @document
