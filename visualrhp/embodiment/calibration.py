@@ -271,9 +271,7 @@ def calibrate_pose(lens: Lens, points: KnownPoints, max_error: float = MAX_ERROR
     flags = cv2.SOLVEPNP_IPPE if _is_flat(points.world) else cv2.SOLVEPNP_SQPNP
     start, frame = _horizontal(points.world)
     try:
-        count, turns, places, _ = cv2.solvePnPGeneric(
-            start, points.pixels, lens.intrinsics, lens.distortion, flags=flags
-        )
+        solutions = cv2.solvePnPGeneric(start, points.pixels, lens.intrinsics, lens.distortion, flags=flags)
     except cv2.error as reason:
         raise PerceptionError(f"no pose of the camera explains the known points ({reason})") from reason
     best: tuple[float, float, Camera] | None = None
