@@ -158,7 +158,9 @@ def test_the_ring_is_where_solutions_end() -> None:
 
 
 def test_the_flange_is_above_the_gripper() -> None:
-    flange = KINEMATICS.tool_transform(KINEMATICS.inverse(0.1, 0.0, 0.0, near=HOME)) @ np.linalg.inv(flange_to_gripper())
+    flange = KINEMATICS.tool_transform(KINEMATICS.inverse(0.1, 0.0, 0.0, near=HOME)) @ np.linalg.inv(
+        flange_to_gripper()
+    )
     assert flange[:3, 3] == pytest.approx([0.1 - FLANGE_BEHIND, 0.0, GRIPPER_HEIGHT + FLANGE_ABOVE], abs=1e-9)
 
 

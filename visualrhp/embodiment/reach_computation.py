@@ -140,7 +140,8 @@ def main() -> None:
     """Compute the map of the default mounting, and write it."""
     parser = argparse.ArgumentParser(prog="python -m visualrhp.embodiment.reach_computation", description=main.__doc__)
     parser.add_argument("path", type=Path, help="the npz file that is written")
-    compute().save(parser.parse_args().path)
+    path = parser.parse_args().path
+    compute().save(path)
 
 
 if __name__ == "__main__":
