@@ -64,11 +64,11 @@ def test_a_disc_that_touches_the_edge_is_found() -> None:
     assert np.abs(found.position - (0.2, -0.19)).max() < 3e-3
 
 
-def test_a_printed_ring_is_another_template() -> None:
+def test_a_printed_ring_is_a_region_of_the_template() -> None:
     camera = top_camera(focal_length=1000.0)
     image = picture(camera, (-0.1, 0.1))
     image[painted(camera, on_table(camera, (-0.1, 0.1) + 0.05 * CIRCLE))] = (150, 140, 120)
-    found = find_target(image, camera, EDGES, search=TargetSearch(ring=0.02))
+    found = find_target(image, camera, EDGES, search=TargetSearch(inner=(0.05,)))
     assert np.abs(found.position - (-0.1, 0.1)).max() < 1.5e-3
 
 
@@ -91,3 +91,5 @@ def test_no_disc_is_an_error() -> None:
 def test_a_score_is_a_share() -> None:
     with pytest.raises(ConfigError, match=r"least_score=2\.0 is out of range"):
         TargetSearch(least_score=2.0)
+    with pytest.raises(ConfigError, match="should be smaller than radius"):
+        TargetSearch(inner=(0.08,))

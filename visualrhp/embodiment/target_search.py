@@ -1,16 +1,18 @@
 """Find the printed target disc by template matching (paper, Sec. 5.1).
 
-The image is rectified to the plane of the table, and a template of the disc is compared with every place. The score is
-the share of the variance in a window, over all channels, that a disc of one colour on a surface of another explains
-(the coefficient of determination): neither colours, nor brightness, nor which of them is darker have to be known.
-Pixels of objects and of the arm, which cover parts of the disc, are left out.
+The image is rectified to the plane of the table, and a template of the disc is compared with every place. The template
+has regions of one colour each: the parts of the print, and the surface around it. The score is the share of the
+variance in a window, over all channels, that is between the regions (the coefficient of determination): neither
+colours, nor brightness, nor which region is darker have to be known. Pixels of objects and of the arm, which cover
+parts of the disc, are left out.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -19,7 +21,7 @@ import numpy.typing as npt
 from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.segmentation.detection import Mask
 from visualrhp.errors import PerceptionError
-from visualrhp.parameters import Fraction, Positive, parameters
+from visualrhp.parameters import AsTuple, Fraction, Positive, parameters
 from visualrhp.types import FloatArray
 
 NEAR: Final = 0.01
@@ -31,6 +33,9 @@ _MARGIN: Final = 0.3
 _LEAST_CONTRAST: Final = 3.0
 """Difference between disc and surface [grey values] below which nothing is a disc: less is noise."""
 
+_LEAST_PART: Final = 0.2
+"""Share of the print and of its surroundings that has to be seen."""
+
 _COVER_MARGIN: Final = 7  # [px], odd: borders of masks are inexact, and objects cast shadows
 
 
@@ -40,17 +45,22 @@ class TargetSearch:
 
     Attributes:
         radius: of the disc [m] (Sec. 9: 7 cm).
-        ring: width of the line if only the disc's border is printed [m]; None for a filled disc.
+        inner: radii within it at which its colour changes [m], such as the inner border of a ring; none for a disc of
+            one colour.
         resolution: of the rectified image [m/px].
         least_score: share of the variance that the disc has to explain.
         least_visible: share of the template that has to be seen.
     """
 
     radius: Positive = 0.07
-    ring: Positive | None = None
+    inner: Annotated[tuple[Positive, ...], AsTuple] = (0.058,)
     resolution: Positive = 2.5e-3
     least_score: Fraction = 0.45
     least_visible: Fraction = 0.3
+
+    def __post_init__(self) -> None:
+        if any(radius >= self.radius for radius in self.inner):
+            raise ValueError(f"inner={list(self.inner)} should be smaller than radius={self.radius}.")
 
 
 @dataclass(frozen=True)
@@ -112,7 +122,7 @@ def find_target(
             f"the target disc is not found: the best place explains {100 * found:.0f}% of the image's variance, and "
             f"{100 * search.least_score:.0f}% are needed; a disc of {search.radius} m should be printed on the surface"
         )
-    half = (_template(search)[0].shape[0] - 1) / 2.0
+    half = (_regions(search)[0].shape[0] - 1) / 2.0
     centre = np.array([column + _vertex(score[row], column), row + _vertex(score[:, column], row)]) + half
     return FoundTarget(low + centre * search.resolution, found, float(visible[row, column]))
 
@@ -142,47 +152,50 @@ def _rectified(
     return straight.astype(np.float32), seen.astype(np.float32)
 
 
-def _template(search: TargetSearch) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """[T, T] the share of each pixel that is printed, and the window: 1 in the disc and its surroundings."""
+def _regions(search: TargetSearch) -> list[npt.NDArray[np.float32]]:
+    """[T, T] the pixels of each region of the template: the parts of the print from the inside on, then its
+    surroundings."""
     half = math.ceil(search.radius * (1.0 + _MARGIN) / search.resolution)
     axis = np.arange(-half, half + 1) * search.resolution
     distance = np.hypot(axis[:, None], axis[None, :])
-    printed = np.clip((search.radius - distance) / search.resolution + 0.5, 0.0, 1.0)
-    if search.ring is not None:
-        printed -= np.clip((search.radius - search.ring - distance) / search.resolution + 0.5, 0.0, 1.0)
-    window = distance <= search.radius * (1.0 + _MARGIN)
-    return (printed * window).astype(np.float32), window.astype(np.float32)
+    borders = [0.0, *sorted(search.inner), search.radius, search.radius * (1.0 + _MARGIN)]
+    return [
+        ((distance >= low) & (distance < high)).astype(np.float32)
+        for low, high in itertools.pairwise(borders)
+    ]
 
 
 def _scores(
     image: npt.NDArray[np.float32], weights: npt.NDArray[np.float32], search: TargetSearch
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """The coefficient of determination at every place of the template (NaN where too little is seen or
-    nothing differs), the share of the template that is seen, and whether enough is seen anywhere."""
-    printed, window = _template(search)
+    """The coefficient of determination at every place of the template (NaN where too little is seen or nothing
+    differs), the share of the template that is seen, and whether enough is seen anywhere."""
+    regions = _regions(search)
 
     def total(values: npt.NDArray[np.float32], kernel: npt.NDArray[np.float32]) -> FloatArray:
         return cv2.matchTemplate(values, kernel, cv2.TM_CCORR).astype(np.float64)
 
-    count = total(weights, window)
-    mean_printed = total(weights, printed) / np.maximum(count, 1.0)
-    spread_printed = total(weights, printed * printed) / np.maximum(count, 1.0) - mean_printed**2
-    explained = np.zeros_like(count)
-    variance = np.zeros_like(count)
+    counts = [np.maximum(total(weights, region), 1e-3) for region in regions]
+    count = sum(counts[1:], start=counts[0])
+    between, overall = np.zeros_like(count), np.zeros_like(count)
+    window = np.asarray(sum(regions), dtype=np.float32)
     for channel in range(image.shape[2]):
         values = image[..., channel] - image[..., channel].mean()
         weighted = values * weights
-        mean = total(weighted, window) / np.maximum(count, 1.0)
-        shared = total(weighted, printed) / np.maximum(count, 1.0) - mean * mean_printed
-        explained += shared**2 / np.maximum(spread_printed, 1e-9)
-        variance += total(weighted * values, window) / np.maximum(count, 1.0) - mean**2
-    visible = count / window.sum()
-    # At least a fifth of disc and surroundings each: one of them alone shows no contrast.
-    balanced = spread_printed > 0.2 * 0.8 * 0.25
-    contrast = np.sqrt(explained / np.maximum(spread_printed, 1e-9))
-    is_seen = (visible >= search.least_visible) & balanced
-    is_candidate = is_seen & (contrast > _LEAST_CONTRAST)
-    return np.where(is_candidate, explained / np.maximum(variance, 1e-6), np.nan), visible, bool(is_seen.any())
+        sums = [total(weighted, region) for region in regions]
+        mean = sum(sums[1:], start=sums[0]) / count
+        for part, number in zip(sums, counts, strict=True):
+            between += number * (part / number - mean) ** 2
+        overall += total(weighted * values, window) - count * mean**2
+    visible = count / float(window.sum())
+    # Print and surroundings have to be seen: one of them alone shows no contrast.
+    printed = (count - counts[-1]) / float(sum(region.sum() for region in regions[:-1]))
+    around = counts[-1] / float(regions[-1].sum())
+    is_seen = np.minimum(printed, around) >= _LEAST_PART
+    is_seen &= visible >= search.least_visible
+    is_candidate = is_seen & (np.sqrt(between / count) > _LEAST_CONTRAST)
+    score = between / np.maximum(overall, 1e-6 * count)
+    return np.where(is_candidate, score, np.nan), visible, bool(is_seen.any())
 
 
 def _vertex(values: FloatArray, index: int) -> float:
