@@ -146,7 +146,7 @@ def test_a_copy_is_the_same() -> None:
 
 
 def test_a_map_for_another_geometry_is_refused() -> None:
-    with pytest.raises(DataError, match="compute one with visualrhp.embodiment.reach_computation"):
+    with pytest.raises(DataError, match=r"compute one with visualrhp\.embodiment\.reach_computation"):
         ReachMap.load(Mounting(height=0.1))
 
 
