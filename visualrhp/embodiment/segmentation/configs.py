@@ -39,7 +39,7 @@ class NetworkConfig:
     widths: Annotated[tuple[Count, ...], AsTuple] = (16, 24, 48, 96, 128)
     blocks: Annotated[tuple[Count, ...], AsTuple] = (1, 2, 2, 1)
     decoder_width: Count = 32
-    fine_width: Count = 16
+    fine_width: Count = 24
 
     def __post_init__(self) -> None:
         if len(self.blocks) != len(self.widths) - 1 or len(self.blocks) < 2:
@@ -85,8 +85,8 @@ class SegmenterTrainingConfig:
         augmentation: of the training frames.
     """
 
-    epochs: Count = 12
-    batch_size: Count = 16
+    epochs: Count = 30
+    batch_size: Count = 8
     lr: Positive = 2e-3
     warm_up: Annotated[float, Field(ge=0, lt=1)] = 0.05
     weight_decay: NonNegative = 1e-4

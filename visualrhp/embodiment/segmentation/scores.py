@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
+from visualrhp.documents import conform, document
 from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.outlines import silhouette
@@ -41,7 +42,7 @@ class SeenObject:
     is_whole: bool = True
 
 
-@dataclass(frozen=True)
+@document
 class FrameScore:
     """Scores of one frame.
 
@@ -68,6 +69,29 @@ class FrameScore:
     mask_overlaps: tuple[float, ...]
     centre_errors: tuple[float, ...]
     outline_overlaps: tuple[float, ...]
+
+    @classmethod
+    def of(cls, content: Any) -> FrameScore:
+        """From plain content (JSON).
+
+        Raises:
+            ValueError: it is no score.
+        """
+        return conform(cls, content)
+
+    def row(self) -> dict[str, float]:
+        """The numbers of a table: counts, and means."""
+        counts = {name: float(value) for name, value in asdict(self).items() if isinstance(value, int)}
+        means = {
+            name: float(np.mean(value)) for name, value in asdict(self).items() if isinstance(value, tuple) and value
+        }
+        return counts | means
+
+    @property
+    def badness(self) -> float:
+        """Mistakes, and the worst overlap of masks: large for frames to look at."""
+        mistakes = self.num_required - self.num_found + self.num_invented + self.num_found - self.num_kinds
+        return mistakes + 1.0 - min(self.mask_overlaps, default=1.0)
 
 
 def matches(detections: Sequence[Detection], objects: Sequence[SeenObject]) -> dict[int, tuple[int, float]]:
