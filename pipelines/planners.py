@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import fields
 from functools import lru_cache
@@ -18,6 +19,8 @@ from visualrhp.planning import Greedy, Planner, RecedingHorizon
 from visualrhp.planning.decision_task import RecedingHorizonParameters
 from visualrhp.pretrained import pretrained_folder
 from visualrhp.types import ActionSpaceName
+
+_log = logging.getLogger(__name__)
 
 RELEASED: Final = {"pretrained": pretrained_folder("best"), "pretrained_paper": pretrained_folder("paper")}
 """Names of the folders with the released networks."""
@@ -85,6 +88,22 @@ def needed_network(
     if isinstance(config, Planner) or not isinstance(config.heuristic, LearnedHeuristicConfig):
         return None
     return _path(config.heuristic, action_space, heuristics, num_objects)
+
+
+def released_where_untrained(
+    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
+) -> str | None:
+    """The folder of the networks: ``heuristics``; if it is None and nothing was trained, that of the released ones."""
+    if heuristics is not None:
+        return heuristics
+    trained = needed_network(config, action_space, None, num_objects)
+    if trained is not None and not os.path.lexists(trained):
+        for folder in RELEASED:
+            path = needed_network(config, action_space, folder, num_objects)
+            if path is not None and path.is_file():
+                _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)
+                return folder
+    return None
 
 
 def network_name(path: Path, outputs: str, heuristics: str | None) -> str:

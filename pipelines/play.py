@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 @app(STAGE)
 def main(config: PlayConfig) -> None:
     """Run the planner, and write the video and the card."""
-    from pipelines.planners import build_planner, find_network
+    from pipelines.planners import build_planner, find_network, released_where_untrained
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.publishing import check_files, publish_files
     from pipelines.workflow.tracking import open_run
@@ -50,7 +50,8 @@ def main(config: PlayConfig) -> None:
 
     instance = task_instance(config)
     space, num_objects = config.action_space.name, instance.scene.num_objects
-    network = find_network(config.planner, space, heuristics_of(config, num_objects), num_objects)
+    folder = released_where_untrained(config.planner, space, config.heuristics, num_objects)
+    network = find_network(config.planner, space, folder, num_objects)
     planner = build_planner(config.planner, space, num_objects, network)
     stem = file_stem(config, num_objects)
     names = [f"{stem}.webm", f"{stem}.json"]
@@ -138,23 +139,6 @@ def task_instance(config: PlayConfig) -> TaskInstance:
                 raise ConfigError(f"{key} is for sampled scenes only, not for scene_file={config.scene_file}.")
         return load_task_instance(config.scene_file)
     return sample_task_instance(config.scene, config.seed, Split.EVALUATION, config.index)
-
-
-def heuristics_of(config: PlayConfig, num_objects: int) -> str | None:
-    """The folder of the networks: as configured, or the released ones where nothing was trained."""
-    from pipelines.planners import RELEASED, needed_network
-
-    paths = {
-        folder: needed_network(config.planner, config.action_space.name, folder, num_objects)
-        for folder in (None, *RELEASED)
-    }
-    trained = paths.pop(None)
-    if config.heuristics is None and trained is not None and not os.path.lexists(trained):
-        for folder, path in paths.items():
-            if path is not None and path.is_file():
-                _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)
-                return folder
-    return config.heuristics
 
 
 def title_of(config: PlayConfig) -> str:

@@ -27,11 +27,11 @@ _NO_ROOM = 5e-4
 class Kinematics(Protocol):
     """What a motion needs of the arm: :class:`visualrhp.embodiment.kinematics.ArmKinematics`."""
 
-    def forward(self, positions: FloatArray) -> Any:
-        """The pose of the tool, with x, y, height [m], theta and tilt [rad], of joint positions [6]."""
+    def forward(self, joints: FloatArray, /) -> Any:
+        """The pose of the tool, with x, y, height [m], theta and tilt [rad], of joint positions [6] [rad]."""
         ...
 
-    def path(self, positions: FloatArray, motion: GripperMotion) -> JointTrajectory:
+    def path(self, start: FloatArray, motion: GripperMotion, /) -> JointTrajectory:
         """The straight motion from joint positions [6]. Raises UnreachableError."""
         ...
 

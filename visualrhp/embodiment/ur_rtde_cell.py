@@ -283,6 +283,6 @@ def _connect(open_interface: Callable[[], Any], host: str) -> Any:
         return open_interface()
     except RuntimeError as error:
         raise CellFault(
-            f"the robot at {host} cannot be reached ({error!s:.200}); it has to be switched on, in remote control, with "
-            "RTDE enabled"
+            f"the robot at {host} cannot be reached ({error!s:.200}); it has to be switched on, in remote control, "
+            "with RTDE enabled"
         ) from error

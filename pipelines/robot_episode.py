@@ -1,0 +1,109 @@
+"""One episode of a robot, in a simulated or a real cell, with the latency of every part."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pipelines.config import RobotConfig
+    from pipelines.robots import Robot
+    from visualrhp.embodiment.dry_run import PlannedMotion
+    from visualrhp.execution import EpisodeListener, EpisodeResult
+
+
+@dataclass(frozen=True)
+class RobotEpisode:
+    """An episode, and what was measured.
+
+    Attributes:
+        result: of the episode.
+        actions: times of every action (:class:`visualrhp.embodiment.looking.StepLatency`), with ``decision_s``.
+        true_end: what is true at the end, in a simulated cell (:meth:`pipelines.robots.Robot.true_end`).
+        motions: of a dry run.
+        wall_time_s: of the episode.
+        cell_time_s: the same on the clock of the cell.
+    """
+
+    result: EpisodeResult
+    actions: list[dict[str, Any]]
+    true_end: dict[str, Any] | None
+    motions: tuple[PlannedMotion, ...]
+    wall_time_s: float
+    cell_time_s: float
+
+    @property
+    def latency_summary(self) -> dict[str, float]:
+        """Mean time of each part [s], and of perception (one image) and decision together also the largest."""
+        steps = [step for step in self.actions if "decision_s" in step and step["num_looks"]]
+        if not steps:
+            return {}
+        perception = [step["perception_s"] / step["num_looks"] for step in steps]
+        decision = [step["decision_s"] for step in steps]
+        both = np.add(perception, decision)
+        return {
+            "mean_perception_s": float(np.mean(perception)),
+            "mean_decision_s": float(np.mean(decision)),
+            "mean_perception_and_decision_s": float(both.mean()),
+            "max_perception_and_decision_s": float(both.max()),
+            "mean_model_s": float(np.mean([step["model_s"] for step in steps])),
+            "mean_path_s": float(np.mean([step["path_s"] for step in steps])),
+            "mean_looks": float(np.mean([step["num_looks"] for step in steps])),
+        }
+
+
+def run_robot(
+    config: RobotConfig, index: int, *, dry_run: bool = False, listener: EpisodeListener | None = None
+) -> RobotEpisode:
+    """Run the planner of ``config`` in its cell; a simulated one is that of task ``index``. The robot ends at rest.
+
+    Raises:
+        ConfigError, CheckpointError, DataError: the cell, its perception or the planner cannot be made.
+        CellFault, PerceptionError: the first look fails; the robot is at rest.
+    """
+    from pipelines.robots import open_robot
+
+    robot = open_robot(config, index, read_only=dry_run)
+    try:
+        return _run(config, index, robot, dry_run, listener)
+    finally:
+        robot.cell.close()
+
+
+def _run(
+    config: RobotConfig, index: int, robot: Robot, dry_run: bool, listener: EpisodeListener | None
+) -> RobotEpisode:
+    from pipelines.planners import build_planner, find_network, released_where_untrained
+    from pipelines.robots import make_dry_run, make_model, make_world
+    from visualrhp.embodiment.dry_run import DryRunWorld
+    from visualrhp.embodiment.guarded_planner import GuardedPlanner
+    from visualrhp.execution import run_episode
+    from visualrhp.simulation.action_spaces import make_action_space
+    from visualrhp.streams import Split, Stream, generator_for
+
+    space = make_action_space(config.action_space.name)
+    world = make_dry_run(config, robot, space) if dry_run else make_world(config, robot, space)
+    begun, cell_begun = time.perf_counter(), robot.cell.now()
+    model = make_model(config, robot, world, space)
+    num_objects = model.scene.num_objects
+    folder = released_where_untrained(config.planner, space.name, config.heuristics, num_objects)
+    network = find_network(config.planner, space.name, folder, num_objects)
+    planner = build_planner(config.planner, space.name, num_objects, network)
+    if not isinstance(world, DryRunWorld):
+        planner = GuardedPlanner(planner, world.stop)
+    rng = generator_for(config.seed, Split.EVALUATION, index, Stream.PLANNER)
+    result = run_episode(planner, world, model, rng, listener)
+    actions = [asdict(latency) for latency in world.latencies]
+    for step, timed in zip(actions, result.decisions, strict=False):
+        step["decision_s"] = timed.time_s
+    return RobotEpisode(
+        result,
+        actions,
+        None if dry_run else robot.true_end(),
+        tuple(world.motions) if isinstance(world, DryRunWorld) else (),
+        time.perf_counter() - begun,
+        robot.cell.now() - cell_begun,
+    )

@@ -1,0 +1,223 @@
+"""Construction of robot cells and of what perceives them, from their configuration."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from visualrhp.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipelines.config import RobotConfig, SegmenterConfig, UrRtdeCellConfig
+    from visualrhp.embodiment.camera import Camera
+    from visualrhp.embodiment.dry_run import DryRunWorld
+    from visualrhp.embodiment.kinematics import ArmKinematics
+    from visualrhp.embodiment.looking import Perceiver
+    from visualrhp.embodiment.perception import DesiredObject
+    from visualrhp.embodiment.planned_model import ReachableModel
+    from visualrhp.embodiment.robot_cell import RobotCell
+    from visualrhp.embodiment.robot_world import RobotWorld
+    from visualrhp.embodiment.segmentation.detection import Segmenter
+    from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
+    from visualrhp.embodiment.ur_rtde_cell import UrRtdeCell
+    from visualrhp.simulation.action_spaces import ActionSpace
+    from visualrhp.types import State
+
+
+@dataclass
+class Robot:
+    """A cell with what perceives and moves it.
+
+    Attributes:
+        cell: as the protocol.
+        kinematics: of its arm.
+        perception: interprets its frames.
+        simulated: the cell, if it is simulated, which knows what is true.
+        desired: index of the desired object among those of a simulated cell.
+    """
+
+    cell: RobotCell
+    kinematics: ArmKinematics
+    perception: Perceiver
+    simulated: SimulatedCell | None = None
+    desired: int = 0
+
+    def true_end(self) -> dict[str, Any] | None:
+        """What is true at the end of an episode in a simulated cell; None for a real one.
+
+        Whether the desired object is in the target region, and which objects have fallen off the table.
+        """
+        if self.simulated is None:
+            return None
+        truth = self.simulated.truth()
+        position = truth.state.object_positions[self.desired]
+        distance = float(np.hypot(*(position - truth.scene.target.position)))
+        fallen = [number for number, is_fallen in enumerate(truth.is_fallen) if is_fallen]
+        is_reached = distance <= truth.scene.target.radius and not fallen
+        return {"success": is_reached, "distance_to_target": distance, "fallen": fallen}
+
+
+def open_robot(config: RobotConfig, index: int, *, read_only: bool = False) -> Robot:
+    """Open the cell of ``config``; a simulated one is that of task ``index``.
+
+    Raises:
+        ConfigError: the robot's packages are not installed, or the desired object is not in the simulated cell.
+        DataError, CheckpointError: the calibration or the segmenter's file is missing or damaged.
+        CellFault: a real cell cannot be reached.
+    """
+    if config.cell.name == "simulated":
+        return _simulated(config, index)
+    from visualrhp.embodiment.camera import Camera
+    from visualrhp.embodiment.kinematics import ArmKinematics
+    from visualrhp.embodiment.perception import DesiredObject
+
+    assert config.desired is not None
+    camera = Camera.load(config.cell.calibration)
+    kinematics = ArmKinematics(config.cell.mounting, motion=config.safety.tool)
+    segmenter = build_segmenter(config.segmenter)
+    cell = _open_ur_rtde(config.cell, read_only)
+    desired = DesiredObject(config.desired, config.desired_which)
+    return Robot(cell, kinematics, _perception(camera, segmenter, kinematics, desired))
+
+
+def _open_ur_rtde(config: UrRtdeCellConfig, read_only: bool) -> UrRtdeCell:
+    from pipelines.planners import parameters_of
+    from visualrhp.embodiment.ur_rtde_cell import UrRtdeCell, UrRtdeParameters
+
+    return UrRtdeCell(UrRtdeParameters(**parameters_of(config, UrRtdeParameters)), read_only=read_only)
+
+
+def _simulated(config: RobotConfig, index: int) -> Robot:
+    from visualrhp.embodiment.kinematics import ArmKinematics
+    from visualrhp.embodiment.perception import DesiredObject
+    from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
+    from visualrhp.embodiment.simulated_cell.sampling import sample_cell
+    from visualrhp.embodiment.true_state import TruePerception, TrueSegmenter
+    from visualrhp.streams import Split
+
+    assert config.cell.name == "simulated"
+    task = sample_cell(config.cell, config.seed, Split.EVALUATION, index)
+    kinematics = ArmKinematics(task.mounting, motion=config.safety.tool)
+    has_camera = config.segmenter.name != "true_state"
+    network = build_segmenter(config.segmenter) if config.segmenter.name not in ("true_masks", "true_state") else None
+    cell = SimulatedCell(task, render=has_camera)
+    try:
+        desired, which = _desired_of(config, cell)
+        if not has_camera:
+            perception: Perceiver = TruePerception(lambda: _scene_and_state(cell), desired)
+        else:
+            segmenter = network or TrueSegmenter(cell.detections)
+            named = DesiredObject(task.objects[desired].kind, which)
+            perception = _perception(cell.camera, segmenter, kinematics, named)
+    except Exception:
+        cell.close()
+        raise
+    return Robot(cell, kinematics, perception, cell, desired)
+
+
+def _scene_and_state(cell: SimulatedCell):
+    truth = cell.truth()
+    return truth.scene, truth.state
+
+
+def _desired_of(config: RobotConfig, cell: SimulatedCell) -> tuple[int, int]:
+    """Index of the desired object in the cell's task, and its rank among those of its kind.
+
+    Raises:
+        ConfigError: there is no such object.
+    """
+    truth, mounting = cell.truth(), cell.task.mounting
+    distances = np.hypot(*(truth.state.object_positions - (mounting.x, mounting.y)).T)
+    kind = config.desired or truth.kinds[0]
+    ranked = sorted((number for number, each in enumerate(truth.kinds) if each is kind), key=lambda n: distances[n])
+    if config.desired is None:
+        return 0, ranked.index(0)
+    if config.desired_which >= len(ranked):
+        present = ", ".join(sorted(truth.kinds))
+        raise ConfigError(
+            f"desired={config.desired} desired_which={config.desired_which}: the cell has {present}; "
+            "choose one of these, or another index."
+        )
+    return ranked[config.desired_which], config.desired_which
+
+
+def _perception(camera: Camera, segmenter: Segmenter, kinematics: ArmKinematics, desired: DesiredObject) -> Perceiver:
+    from visualrhp.embodiment.perception import Perception
+
+    return Perception(camera, segmenter, kinematics, desired)
+
+
+def build_segmenter(config: SegmenterConfig) -> Segmenter:
+    """The segmenter of ``config``, which is none of a simulated cell's truth.
+
+    Raises:
+        ConfigError: a package that it needs is not installed.
+        CheckpointError, DataError: its file is missing or damaged.
+    """
+    match config.name:
+        case "mask_rcnn":
+            from visualrhp.embodiment.segmentation.mask_rcnn import MaskRCNNSegmenter
+
+            return MaskRCNNSegmenter(Path(config.file or ""))
+        case "yolo":
+            from visualrhp.embodiment.segmentation.yolo import YoloSegmenter
+
+            return YoloSegmenter(Path(config.file or ""))
+        case _:
+            from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
+
+            return OnnxSegmenter(config.file)
+
+
+def make_world(config: RobotConfig, robot: Robot, space: ActionSpace) -> RobotWorld:
+    """The world of ``robot``. The clock of a real cell is held against that of this machine."""
+    from visualrhp.embodiment.robot_world import RobotWorld
+
+    safety = config.safety
+    return RobotWorld(
+        robot.cell,
+        robot.perception,
+        robot.kinematics,
+        space,
+        watchdog=safety.watchdog,
+        motion=safety.motion,
+        look=safety.look,
+        host_clock=None if robot.simulated is not None else time.monotonic,
+    )
+
+
+def make_dry_run(config: RobotConfig, robot: Robot, space: ActionSpace) -> DryRunWorld:
+    """The world of a dry run of ``robot``; motions are imagined by the planner's model."""
+    from visualrhp.embodiment.dry_run import DryRunWorld
+    from visualrhp.simulation.transition_model import TransitionModel
+
+    def imagine(scene, state: State, action) -> State:
+        return TransitionModel(scene, space, config.physics).advance(state, action)
+
+    safety = config.safety
+    return DryRunWorld(
+        robot.cell,
+        robot.perception,
+        robot.kinematics,
+        space,
+        imagine,
+        watchdog=safety.watchdog,
+        motion=safety.motion,
+        look=safety.look,
+    )
+
+
+def make_model(
+    config: RobotConfig, robot: Robot, world: RobotWorld | DryRunWorld, space: ActionSpace
+) -> ReachableModel:
+    """The planner's model of what ``world`` sees: it plans with what the arm can reach, and follows the scene."""
+    from visualrhp.embodiment.planned_model import ReachableModel
+
+    scene, _ = world.observe()
+    model = ReachableModel(scene, space, robot.kinematics.reach, config.physics)
+    getattr(world, "followers", []).append(model.follow)
+    return model
