@@ -29,7 +29,7 @@ def main(config: EvaluateSegmenterConfig) -> None:
     from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
     from pipelines.workflow.workspace import open_work
-    from visualrhp.demonstrations.dataset import file_hash
+    from visualrhp.embodiment.segmentation.frame_set import file_hash
     from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
 
     path = network_path(config)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from visualrhp.demonstrations.dataset import file_hash
 from visualrhp.documents import FileKind, document
 from visualrhp.embodiment.segmentation.frames import FRAMES, LabelledFrames, join, read_frames
 from visualrhp.errors import DataError
@@ -90,6 +89,12 @@ def load_frame_set(folder: str | Path) -> LabelledFrames:
     if len({part.images.shape[1] for part in parts}) > 1:
         raise DataError(f"the frames in {folder} differ in size; generate the set again")
     return join(parts)
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of the content of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _content_hash(hashes: Sequence[str]) -> str:
