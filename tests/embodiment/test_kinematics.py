@@ -144,7 +144,7 @@ def test_what_is_too_far_or_too_near_is_a_named_error(x: float, y: float) -> Non
 
 def test_a_range_without_a_solution_is_a_named_error() -> None:
     limits = ArmLimits(lower=np.full(6, 0.5), upper=np.full(6, 0.6))
-    with pytest.raises(UnreachableError, match=r"joint 1 would be at .* which no number of turns brings into its range"):
+    with pytest.raises(UnreachableError, match=r"joint 1 would be at .* no number of turns brings into its range"):
         ArmKinematics(limits=limits).inverse(0.0, 0.0, 0.0, near=HOME)
 
 

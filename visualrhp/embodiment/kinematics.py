@@ -36,7 +36,9 @@ MAX_LEVEL_ERROR: Final = math.radians(4.0)
 """Largest difference [rad] between the joints at the start of a path and those that hold the gripper level at its
 height: more than what a loaded joint sags, less than what would be a different posture."""
 
-_FLANGE: Final = "attachment_site"
+FLANGE: Final = "attachment_site"
+"""Name of the flange's frame in the model of the arm."""
+
 _HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0, 1.0])  # Pinocchio ignores the pose of Menagerie's base
 _DOWN: Final = -0.5 * math.pi  # the sum of joints 2 to 4, and joint 5, with the flange pointing down
 
@@ -105,7 +107,7 @@ class ArmKinematics:
         self._pin: Any = robot_package("pinocchio")
         self.model: Any = self._pin.buildModelFromMJCF(arm_file())
         self._data: Any = self.model.createData()
-        self._flange = self.model.getFrameId(_FLANGE)
+        self._flange = self.model.getFrameId(FLANGE)
         self._base = self.mounting.base_transform @ _HALF_TURN
         self._tool = flange_to_gripper()
         self._lengths = self._read_lengths()
@@ -132,6 +134,10 @@ class ArmKinematics:
         self._pin.forwardKinematics(self.model, self._data, np.asarray(joints, dtype=np.float64))
         flange = self._pin.updateFramePlacement(self.model, self._data, self._flange)
         return self._base @ flange.homogeneous @ self._tool
+
+    def flange_target(self, tool: FloatArray) -> FloatArray:
+        """[4, 4] pose of the flange in the frame of :attr:`model` with which the gripper frame is at ``tool`` [4, 4]."""
+        return np.linalg.inv(self._base) @ tool @ np.linalg.inv(self._tool)
 
     def forward(self, joints: npt.ArrayLike) -> ToolPose:
         """Where the gripper is at ``joints`` [6] [rad]."""
