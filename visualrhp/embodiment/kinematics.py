@@ -136,7 +136,7 @@ class ArmKinematics:
         return self._base @ flange.homogeneous @ self._tool
 
     def flange_target(self, tool: FloatArray) -> FloatArray:
-        """[4, 4] pose of the flange in the frame of :attr:`model` with which the gripper frame is at ``tool`` [4, 4]."""
+        """[4, 4] pose of the flange in the frame of :attr:`model` that brings the gripper frame to ``tool`` [4, 4]."""
         return np.linalg.inv(self._base) @ tool @ np.linalg.inv(self._tool)
 
     def forward(self, joints: npt.ArrayLike) -> ToolPose:
