@@ -101,9 +101,15 @@ def released_where_untrained(
         for folder in RELEASED:
             path = needed_network(config, action_space, folder, num_objects)
             if path is not None and path.is_file():
-                _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)
+                _tell_released(trained, folder)
                 return folder
     return None
+
+
+@lru_cache(maxsize=1)
+def _tell_released(trained: Path, folder: str) -> None:
+    """Say once that a released network is used."""
+    _log.info("There is no trained network %s; using the released one (heuristics=%s).", trained, folder)
 
 
 def network_name(path: Path, outputs: str, heuristics: str | None) -> str:
