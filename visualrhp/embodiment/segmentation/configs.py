@@ -39,7 +39,7 @@ class NetworkConfig:
     widths: Annotated[tuple[Count, ...], AsTuple] = (16, 24, 48, 96, 128)
     blocks: Annotated[tuple[Count, ...], AsTuple] = (1, 2, 2, 1)
     decoder_width: Count = 32
-    fine_width: Count = 24
+    fine_width: Count = 16
 
     def __post_init__(self) -> None:
         if len(self.blocks) != len(self.widths) - 1 or len(self.blocks) < 2:
