@@ -31,8 +31,11 @@ from visualrhp.scene.scene import TargetRegion, centred, square_edges
 from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import FloatArray, ObjectSize
 
-ATTEMPTS: Final = 500
-"""Arrangements that are tried before a distribution counts as impossible."""
+ATTEMPTS: Final = 40
+"""Sets of objects that are tried before a distribution counts as impossible, each in :data:`ARRANGEMENTS`."""
+
+ARRANGEMENTS: Final = 15
+"""Places of the target, the gripper and the objects that are tried for a set of objects."""
 
 MAX_OBJECTS: Final = 10
 """Objects on the table of 50 cm."""
@@ -132,7 +135,8 @@ def sample_cell(distribution: CellDistribution, seed: int, split: Split, index: 
     count = int(rng.integers(distribution.num_objects[0], distribution.num_objects[1] + 1))
     for _ in range(ATTEMPTS):
         objects = [_sample_object(distribution, number == 0, rng) for number in range(count)]
-        found = _arrange(distribution, objects, rng)
+        hulls = [geometry.convex_hull(thing.solid.silhouette(thing.rotation(0.0))) for thing in objects]
+        found = next(filter(None, (_arrange(distribution, hulls, rng) for _ in range(ARRANGEMENTS))), None)
         if found is not None:
             poses, target, gripper_pose = found
             return CellTask(
@@ -146,7 +150,7 @@ def sample_cell(distribution: CellDistribution, seed: int, split: Split, index: 
                 seed=int(looks.integers(2**31)),
             )
     raise ConfigError(
-        f"No cell was found in {ATTEMPTS} attempts: there should be {count} objects at cell.clearance="
+        f"No cell was found in {ATTEMPTS * ARRANGEMENTS} attempts: there should be {count} objects at cell.clearance="
         f"{distribution.clearance:g} m from each other, and the first outside the target region, with cell.layout="
         f"{distribution.layout}. Decrease cell.num_objects or cell.clearance, or choose cell.layout=uniform."
     )
@@ -167,18 +171,23 @@ def _sample_object(distribution: CellDistribution, is_desired: bool, rng: np.ran
 
 
 def _arrange(
-    distribution: CellDistribution, objects: list[CellObject], rng: np.random.Generator
+    distribution: CellDistribution, hulls: list[FloatArray], rng: np.random.Generator
 ) -> tuple[FloatArray, TargetRegion, tuple[float, float, float]] | None:
-    """Poses [m, 3] of the objects' body frames, the target and the gripper's pose; None if there is no room."""
+    """Poses [m, 3] of the objects' body frames, the target and the gripper's pose; None if there is no room.
+
+    Args:
+        distribution: the rules.
+        hulls: of the objects seen from above, [V, 2] in their body frames.
+        rng: source of the random numbers.
+    """
     edges = square_edges(TABLE_SIDE)
     target = TargetRegion(_sample_target(distribution, edges, rng), distribution.target_radius)
     gripper_pose = _sample_gripper_pose(distribution, edges, rng)
     if not _reach().contains(gripper_pose):
         return None
-    hulls = [geometry.convex_hull(thing.solid.silhouette(thing.rotation(0.0))) for thing in objects]
     outlines, centres = zip(*(centred(hull) for hull in hulls), strict=True)
     rules = SceneDistribution(
-        clearance=distribution.clearance, layout=distribution.layout, num_objects=(1, MAX_OBJECTS)
+        clearance=distribution.clearance, layout=distribution.layout, num_objects=(2, MAX_OBJECTS)
     )
     fingers = CELL_GRIPPER.outlines(gripper_pose, CELL_GRIPPER.stroke)
     placed = place_objects(rules, outlines, edges, target, fingers, rng)

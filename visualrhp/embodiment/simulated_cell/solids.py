@@ -102,7 +102,8 @@ class Revolution:
         inside[:, 0] -= 0.5 * self.height
         rings = np.concatenate([self.rings, inside])
         steps = np.linalg.norm(np.diff(rings, axis=0), axis=1)
-        along = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        along /= along[-1]
         angles = 2.0 * np.pi * np.arange(RING + 1) / RING
         vertices = np.empty((len(rings), RING + 1, 3))
         vertices[..., 0] = rings[:, 1, None] * np.cos(angles)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from visualrhp.embodiment.camera import Camera
@@ -30,6 +31,21 @@ IMAGE_SIZE: tuple[int, int] = (640, 480)
 def nominal_camera() -> Camera:
     """The camera above the centre of the table, without errors of its mounting."""
     return Camera.above((0.0, 0.0, CAMERA_HEIGHT), FOCAL_LENGTH, *IMAGE_SIZE)
+
+
+def miscalibrated(camera: Camera, position_std: float, angle_std: float, rng: np.random.Generator) -> Camera:
+    """What a calibration with errors takes for ``camera``.
+
+    Args:
+        camera: the true one.
+        position_std: standard deviation of the error of its place [m], each of three coordinates.
+        angle_std: standard deviation of the error of its orientation [rad], about each of three axes.
+        rng: source of the errors.
+    """
+    pose = camera.pose.copy()
+    pose[:3, 3] += position_std * rng.standard_normal(3)
+    pose[:3, :3] = pose[:3, :3] @ cv2.Rodrigues(angle_std * rng.standard_normal(3))[0]
+    return Camera(camera.intrinsics, camera.distortion, pose, camera.width, camera.height)
 
 
 @dataclass(frozen=True)
