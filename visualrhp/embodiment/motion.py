@@ -96,15 +96,16 @@ def _check_line(positions: FloatArray, motion: GripperMotion, kinematics: Kinema
     start = kinematics.forward(positions[0])
     c, s = math.cos(start.theta), math.sin(start.theta)
     way = np.array([c * motion.forward - s * motion.left, s * motion.forward + c * motion.left])
-    length = float(np.hypot(*way))
+    # Distances in units of what is allowed, so that a part of the motion is found whatever it consists of.
+    scale = np.array([limits.max_deviation, limits.max_deviation, limits.max_rotation_deviation])
+    whole = np.array([*way, motion.rotation]) / scale
+    size = float(whole @ whole)
     for index in np.unique(np.linspace(0, len(positions) - 1, _NUM_LOOKED_AT).round().astype(int)):
         pose = kinematics.forward(positions[index])
         offset = np.array([pose.x - start.x, pose.y - start.y])
         turned = wrap_angle(pose.theta - start.theta)
-        if length > 0.0:
-            done = min(max(float(offset @ way) / length**2, 0.0), 1.0)
-        else:
-            done = min(max(turned / motion.rotation, 0.0), 1.0) if motion.rotation else 0.0
+        part = np.array([*offset, turned]) / scale
+        done = min(max(float(part @ whole) / size, 0.0), 1.0) if size > 0.0 else 0.0
         if index == len(positions) - 1:
             done = 1.0
         if (deviation := float(np.hypot(*(offset - done * way)))) > limits.max_deviation:
