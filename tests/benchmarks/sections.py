@@ -18,6 +18,7 @@ SECTIONS = (
     "rrt",
     "rrt_ompl",
     "box2d",
+    "kinematics",
     "training",
     "command_line",
     "peers",

@@ -40,6 +40,13 @@ def test_training_is_compared_with_plain_pytorch_and_stable_baselines3() -> None
     assert answer.stdout.count("of Stable-Baselines3") == 2
 
 
+def test_paths_of_the_arm_are_compared_with_pink() -> None:
+    answer = _run("--quick", "kinematics")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.count("of Pink, a step a sample") == 3
+    assert "allows, one motion" in answer.stdout
+
+
 def test_steps_of_an_environment_are_counted() -> None:
     """Those of ours, by the file that steps the peers' environments too."""
     wanted = {"module": "visualrhp", "id": "visualrhp/ClutterManipulation-v0", "arguments": {}, "draws": False}
