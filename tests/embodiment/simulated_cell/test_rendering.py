@@ -32,22 +32,26 @@ def cell():
 
 
 def test_points_are_seen_where_the_camera_model_says() -> None:
-    """Small flat markers all over the table, found in the instance mask, with and without lens distortion."""
+    """Small flat markers all over the table, found in the instance mask.
+
+    With a principal point that is not the centre of the image, and with a lens that moves markers by 3 pixels.
+    """
     markers = [(x, y) for x in (-0.23, 0.0, 0.23) for y in (-0.23, 0.0, 0.23)][1:]
     thing = CellObject(Kind.BOX, box(0.008, 0.008, 0.004), mass=0.05)
     poses = np.array([(*marker, 0.0) for marker in markers])
-    tilted = Camera(CAMERA.intrinsics + [[0, 0, 4.0], [0, 0, -7.0], [0, 0, 0]], np.zeros(5), CAMERA.pose)
-    for camera in (CAMERA, tilted):
+    shifted = Camera(CAMERA.intrinsics + [[0, 0, 4.0], [0, 0, -7.0], [0, 0, 0]], np.zeros(5), CAMERA.pose)
+    curved = replace(CAMERA, distortion=np.array([-0.3, 0.1, 2e-3, -1e-3, 0.0]))
+    for camera in (CAMERA, shifted, curved):
         cell = SimulatedCell(
             CellTask((thing,) * len(markers), poses, camera=camera, look=PLAIN, gripper_pose=(-0.22, 0.0, 0.0))
         )
         mask = cell.instance_mask()
-        expected = camera.project([(*marker, 0.004) for marker in markers])
+        expected = camera.project([(*marker, 0.002) for marker in markers])
         for number, pixel in enumerate(expected):
             rows, columns = np.nonzero(mask == number)
-            if len(rows) > 80:  # whole, not hidden by the arm
-                assert (columns.mean(), rows.mean()) == pytest.approx(pixel, abs=0.35)
-        assert np.mean([np.count_nonzero(mask == number) > 80 for number in range(len(markers))]) > 0.6
+            if len(rows) > 100:  # whole, not hidden by the arm
+                assert (columns.mean(), rows.mean()) == pytest.approx(pixel, abs=0.7)
+        assert np.mean([np.count_nonzero(mask == number) > 100 for number in range(len(markers))]) > 0.6
         cell.close()
 
 

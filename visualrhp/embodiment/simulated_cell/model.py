@@ -268,7 +268,7 @@ def _add_cameras(mujoco: Any, spec: Any, task: CellTask) -> None:
         resolution=[width, height],
         sensor_size=[0.001 * width, 0.001 * height],
         focal_pixel=[matrix[0, 0], matrix[1, 1]],
-        principal_pixel=[-offset[0], offset[1]],
+        principal_pixel=[-offset[0], -offset[1]],
     )
     eye, centre = np.array([0.55, -0.95, 0.75]), np.array([-0.1, 0.0, 0.05])
     back = (eye - centre) / np.linalg.norm(eye - centre)
