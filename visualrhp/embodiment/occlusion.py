@@ -21,7 +21,7 @@ from visualrhp.types import FloatArray
 GROWTH: Final = 3
 """Pixels by which masks are enlarged: two masks that touch are seldom exactly side by side."""
 
-_AROUND: Final = 16  # [px] looked at around a mask
+_AROUND: Final = 64  # [px] looked at around a mask: about an object farther
 _FINEST: Final = 1.0  # [px] of the borders of hidden regions
 
 

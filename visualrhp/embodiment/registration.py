@@ -8,6 +8,7 @@ that for which the border that is seen and the border of the reference that shou
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +19,8 @@ import numpy.typing as npt
 import shapely
 from scipy.spatial import KDTree
 
-from visualrhp.embodiment.outlines import planner_outline
+from visualrhp.embodiment.outlines import largest_piece, planner_outline
+from visualrhp.errors import SceneError
 from visualrhp.scene import geometry
 from visualrhp.scene.scene import ObjectShape
 from visualrhp.types import FloatArray, wrap_angle
@@ -40,6 +42,11 @@ _OUTLIER: Final = 4e-3
 """Distance [m] from which on a point of the border counts less."""
 
 _ITERATIONS: Final = 30
+
+_POINT_ERROR: Final = 1e-3  # [m]
+
+_THICKENED: Final = 4e-3
+"""By which an outline that is too thin to be simulated is enlarged [m]."""
 
 _BORDER: Final = 120  # points of a border that are compared
 _LONGEST_STEP: Final = 0.05  # [m]
@@ -65,12 +72,19 @@ class Reference:
 
     @cached_property
     def shape(self) -> ObjectShape:
-        """As the planner uses it, in the same body frame.
+        """As the planner uses it, in the same body frame; thickened if a part of it is too thin to be simulated.
 
         Raises:
             SceneError: the outline is degenerate.
         """
-        return ObjectShape.centred(planner_outline(shapely.Polygon(self.border)))
+        outline = shapely.Polygon(self.border)
+        hull = outline.convex_hull
+        for candidate in (outline, hull, hull.buffer(_THICKENED)):
+            with contextlib.suppress(SceneError):
+                return ObjectShape.centred(planner_outline(largest_piece(candidate)))
+        raise SceneError(
+            f"an outline of {outline.area:.3g} m^2 at {outline.centroid} is no shape that can be simulated"
+        )
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -232,14 +246,35 @@ def overlap(first: shapely.Geometry, second: shapely.Geometry) -> float:
     return float(shared / max(shapely.area(first) + shapely.area(second) - shared, 1e-12))
 
 
-def fitted_circle(points: FloatArray) -> tuple[FloatArray, float]:
-    """Centre [2] and radius of the circle through points [N, 2], at least three, in the sense of least squares."""
-    origin = points.mean(axis=0)
-    offsets = points - origin
+def fitted_circle(points: FloatArray, radius: float, spread: float) -> tuple[FloatArray, float]:
+    """The circle through points of an arc, of about a known radius (Gauss-Newton).
+
+    Args:
+        points: [N, 2], at least three.
+        radius: that is expected [m].
+        spread: standard deviation of the radius, compared with one of a millimetre of the points [m].
+
+    Returns:
+        Centre [2] and radius [m].
+    """
+    outwards = points.mean(axis=0)
+    # The centre lies on the inner side of the arc; a first guess from the circle through all, without a prior.
+    offsets = points - outwards
     system = np.column_stack([2.0 * offsets, np.ones(len(points))])
     solution = np.linalg.lstsq(system, (offsets**2).sum(axis=1), rcond=None)[0]
-    radius = math.sqrt(max(float(solution[2] + solution[:2] @ solution[:2]), 0.0))
-    return origin + solution[:2], radius
+    direction = solution[:2] / max(float(np.hypot(*solution[:2])), 1e-9)
+    bulge = float((offsets @ direction).min())  # the farthest point of the arc from the centre
+    estimate = np.array([*(outwards + direction * (radius + bulge)), radius])
+    weight = (_POINT_ERROR / spread) ** 2
+    for _ in range(20):
+        away = points - estimate[:2]
+        distance = np.maximum(np.hypot(*away.T), 1e-9)
+        slopes = np.column_stack([-away / distance[:, None], -np.ones(len(points))])
+        errors = distance - estimate[2]
+        normal = slopes.T @ slopes + np.diag([1e-9, 1e-9, weight])
+        step = np.linalg.solve(normal, -slopes.T @ errors - np.array([0.0, 0.0, weight * (estimate[2] - radius)]))
+        estimate = estimate + np.clip(step, -0.02, 0.02)
+    return estimate[:2], float(estimate[2])
 
 
 def _resampled(border: FloatArray, count: int) -> FloatArray:

@@ -72,7 +72,13 @@ _TURNS: Final = (0.5, -0.5, 1.0, -1.0)
 _FALLEN: Final = 0.05
 """Distance [m] from the edge at which an object is placed that fell unseen."""
 
-_FRUIT_RADII: Final = (0.02, 0.06)
+_SAME_SHAPE: Final = 0.96
+"""Intersection over union from which on an outline is kept although a better view of it is there."""
+
+_RADII: Final = {Kind.APPLE: 0.037, Kind.ORANGE: 0.036, Kind.CUP: 0.038, Kind.BOTTLE: 0.033}
+_RADIUS_SPREAD: Final = 4e-3
+"""Usual radii of round outlines [m], and their standard deviation, for those of which a part is hidden at first."""
+
 _DUPLICATE: Final = 0.5
 _OUTSIDE: Final = 0.03
 """Distance [m] from the surface beyond which something new is no object of the task."""
@@ -254,6 +260,8 @@ class Tracker:
             pose, distance = self._partial_pose(track, start, silhouette)
             agrees = distance <= self.settings.misfit
         is_better = silhouette.share_seen > track.quality + _BETTER or (is_whole and track.quality < _WHOLE)
+        if is_better and overlap(track.reference.at(pose), silhouette.polygon) > _SAME_SHAPE:
+            track.quality, is_better = silhouette.share_seen, False
         has_changed = silhouette.detection.is_lying is not track.is_lying and is_whole and not agrees
         track.num_disagreeing = 0 if agrees else track.num_disagreeing + 1
         if is_better or has_changed or (track.num_disagreeing >= 2 and silhouette.share_seen > 0.5):
@@ -339,12 +347,14 @@ def _vote(track: Track, silhouette: Silhouette) -> None:
 
 
 def _reference(silhouette: Silhouette, theta: float) -> tuple[Reference, FloatArray]:
-    """The outline of a silhouette; of a fruit that is seen in part, the circle through the border that is seen."""
+    """The outline of a silhouette; of a round one that is seen in part, the circle through the border that is seen."""
     polygon = silhouette.polygon
-    if silhouette.share_seen < _WHOLE and silhouette.detection.kind in (Kind.APPLE, Kind.ORANGE):
-        border = silhouette.points[silhouette.is_seen]
-        if len(border) > 20:
-            centre, radius = fitted_circle(border)
-            if _FRUIT_RADII[0] <= radius <= _FRUIT_RADII[1] and polygon.distance(shapely.Point(centre)) == 0.0:
-                polygon = shapely.Point(centre).buffer(radius, quad_segs=16)
+    detection, border = silhouette.detection, silhouette.points[silhouette.is_seen]
+    if silhouette.share_seen < _WHOLE and not detection.is_lying and detection.kind in _RADII and len(border) > 8:
+        centre, radius = fitted_circle(border, _RADII[detection.kind], _RADIUS_SPREAD)
+        circle = shapely.Point(centre).buffer(radius, quad_segs=16)
+        # It should hold what is seen, and be behind something elsewhere.
+        beyond = shapely.difference(circle, shapely.union(polygon.buffer(2e-3), silhouette.hidden))
+        if beyond.area < 0.1 * circle.area and shapely.intersection(polygon, circle).area > 0.8 * polygon.area:
+            polygon = circle
     return Reference.located(polygon, theta)
