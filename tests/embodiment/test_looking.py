@@ -117,7 +117,7 @@ class Rolling(PlanarCell):
     def wait(self, duration_s):
         super().wait(duration_s)
         if self.time < self.until:
-            poses = self.state.object_poses + (0.2 * duration_s, 0.0, 0.0)
+            poses = self.state.object_poses + (0.3 * duration_s, 0.0, 0.0)
             self.state = State.create(self.state.gripper_pose, self.state.gripper_opening, False, poses)
 
 
@@ -135,8 +135,8 @@ def test_objects_come_to_rest_before_a_view_counts(has_camera):
 def test_a_scene_that_never_rests_is_an_error():
     cell = Rolling(pushing_task())
     cell.until = 1e9
-    looker = Looker(WatchedCell(cell, 0.085), PlanarPerception(cell), LookLimits(max_unrest_s=0.5))
-    with pytest.raises(PerceptionError, match=r"still moves 0\.5 s"):
+    looker = Looker(WatchedCell(cell, 0.085), PlanarPerception(cell), LookLimits(max_unrest_s=0.3))
+    with pytest.raises(PerceptionError, match=r"still moves 0\.3 s"):
         looker.look(None, False, StepLatency())
 
 

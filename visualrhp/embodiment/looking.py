@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -18,7 +19,7 @@ from visualrhp.scene.scene import Scene
 from visualrhp.types import State
 
 _BLOCK = 8
-"""Side of the blocks whose mean grey level is compared between two frames [px]."""
+"""Side of the blocks whose mean colour is compared between two frames [px]."""
 _NOTHING = np.zeros((0, 0, 3), np.uint8)
 
 
@@ -56,7 +57,7 @@ class LookLimits:
 
     Attributes:
         still_interval_s: between two frames that are compared to see whether the scene is at rest.
-        still_difference: of the mean grey level of a block of 8 x 8 pixels, above which something moves.
+        still_difference: of the mean of a colour channel over a block of 8 x 8 pixels, above which something moves.
         still_distance: by which a true position changes in this time, above which something moves [m].
         max_unrest_s: for which objects may go on moving after the robot has come to rest.
         max_looks: at a scene that is not as expected, until two looks in succession agree.
@@ -66,7 +67,7 @@ class LookLimits:
     """
 
     still_interval_s: Positive = 0.1
-    still_difference: Positive = 8.0
+    still_difference: Positive = 5.0
     still_distance: Positive = 5e-4
     max_unrest_s: Positive = 4.0
     max_looks: Count = 8
@@ -216,7 +217,7 @@ class Looker:
         while True:
             self._cell.wait(max(0.0, frame.time_s + limits.still_interval_s - self._cell.now()))
             again = self._cell.frame_after(frame.time_s)
-            change = float(np.abs(_grey_blocks(again.image) - _grey_blocks(frame.image)).max())
+            change = float(np.abs(_blocks(again.image) - _blocks(frame.image)).max())
             if change <= limits.still_difference:
                 return again
             if self._cell.now() > end:
@@ -255,8 +256,8 @@ class Looker:
         return float(np.hypot(*(one.state.object_positions - other.state.object_positions).T).max())
 
 
-def _grey_blocks(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Mean grey level of blocks of an image, [H // 8, W // 8]: noise is averaged out."""
-    height, width = (side // _BLOCK * _BLOCK for side in image.shape[:2])
-    blocks = image[:height, :width].reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK * 3)
-    return blocks.mean(axis=(1, 3), dtype=np.float32)
+def _blocks(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Mean colour of blocks of an image, [H // 8, W // 8, 3]: noise is averaged out."""
+    height, width = (side // _BLOCK for side in image.shape[:2])
+    whole = image[: height * _BLOCK, : width * _BLOCK]
+    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
