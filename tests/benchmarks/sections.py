@@ -20,6 +20,7 @@ SECTIONS = (
     "box2d",
     "kinematics",
     "training",
+    "cell",
     "command_line",
     "peers",
 )

@@ -68,3 +68,10 @@ def test_unknown_section() -> None:
     answer = _run("speed")
     assert answer.returncode == 2
     assert "unknown section speed" in answer.stderr
+
+
+def test_the_robot_cell_is_measured() -> None:
+    answer = _run("--quick", "cell")
+    assert answer.returncode == 0, answer.stderr
+    for row in ("step of 2 ms, 7 objects", "action, 4 objects", "frame, 1 object", "new cell, 7 objects"):
+        assert row in answer.stdout
