@@ -15,9 +15,11 @@ from pipelines.config import (
     C3POLearnerConfig,
     DQNLearnerConfig,
     EvaluateConfig,
+    EvaluateSegmenterConfig,
     ExpertIterationConfig,
     ExportDemosConfig,
     GenerateDemosConfig,
+    GenerateFramesConfig,
     KinodynamicRRTConfig,
     PipelineConfig,
     PlayConfig,
@@ -25,6 +27,7 @@ from pipelines.config import (
     ReportConfig,
     TrainILConfig,
     TrainRLConfig,
+    TrainSegmenterConfig,
     TuneCraftedConfig,
     VerifyDemosConfig,
     suite_overrides,
@@ -47,6 +50,9 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "tune_crafted": TuneCraftedConfig,
     "verify_demos": VerifyDemosConfig,
     "export_demos": ExportDemosConfig,
+    "generate_frames": GenerateFramesConfig,
+    "train_segmenter": TrainSegmenterConfig,
+    "evaluate_segmenter": EvaluateSegmenterConfig,
 }
 NO_STAGE = {"play", "tune_crafted", "verify_demos", "export_demos"}  # nothing depends on what they make
 SCALES = ("smoke", "quick", "paper")

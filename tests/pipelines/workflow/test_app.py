@@ -20,7 +20,7 @@ from pipelines.workflow.app import app, command_line_overrides, compose, overrid
 from visualrhp.errors import ConfigError, DataError
 
 STAGES = ("generate_demos", "train_il", "train_rl", "expert_iteration", "evaluate", "report")
-PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos")
+PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos", "execute", "evaluate_execution")
 Run = Callable[..., tuple[int, str]]
 
 
