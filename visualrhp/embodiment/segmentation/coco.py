@@ -1,0 +1,112 @@
+"""Categories of the COCO data set that are objects of the task (paper, Sec. 9)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from visualrhp.embodiment.kinds import Kind
+
+KINDS_OF_COCO: Final = {
+    44: Kind.BOTTLE,
+    47: Kind.CUP,
+    53: Kind.APPLE,
+    55: Kind.ORANGE,
+    84: Kind.BOX,  # book
+}
+"""Kinds by the ids of COCO's annotations, which torchvision's detectors keep (91 with gaps). COCO has no boxes; from
+above, a small box looks most like a book."""
+
+KINDS_BY_NAME: Final = {
+    "bottle": Kind.BOTTLE,
+    "cup": Kind.CUP,
+    "apple": Kind.APPLE,
+    "orange": Kind.ORANGE,
+    "book": Kind.BOX,
+    "box": Kind.BOX,
+    "wine glass": Kind.CUP,
+}
+"""Kinds by the names of classes. A cup seen from above is often taken for a wine glass."""
+
+COCO_NAMES: Final = [
+    "person",
+    "bicycle",
+    "car",
+    "motorcycle",
+    "airplane",
+    "bus",
+    "train",
+    "truck",
+    "boat",
+    "traffic light",
+    "fire hydrant",
+    "stop sign",
+    "parking meter",
+    "bench",
+    "bird",
+    "cat",
+    "dog",
+    "horse",
+    "sheep",
+    "cow",
+    "elephant",
+    "bear",
+    "zebra",
+    "giraffe",
+    "backpack",
+    "umbrella",
+    "handbag",
+    "tie",
+    "suitcase",
+    "frisbee",
+    "skis",
+    "snowboard",
+    "sports ball",
+    "kite",
+    "baseball bat",
+    "baseball glove",
+    "skateboard",
+    "surfboard",
+    "tennis racket",
+    "bottle",
+    "wine glass",
+    "cup",
+    "fork",
+    "knife",
+    "spoon",
+    "bowl",
+    "banana",
+    "apple",
+    "sandwich",
+    "orange",
+    "broccoli",
+    "carrot",
+    "hot dog",
+    "pizza",
+    "donut",
+    "cake",
+    "chair",
+    "couch",
+    "potted plant",
+    "bed",
+    "dining table",
+    "toilet",
+    "tv",
+    "laptop",
+    "mouse",
+    "remote",
+    "keyboard",
+    "cell phone",
+    "microwave",
+    "oven",
+    "toaster",
+    "sink",
+    "refrigerator",
+    "book",
+    "clock",
+    "vase",
+    "scissors",
+    "teddy bear",
+    "hair drier",
+    "toothbrush",
+]
+"""The 80 names without gaps, in the order of YOLO's classes."""
