@@ -20,7 +20,17 @@ from pipelines.workflow.app import app, command_line_overrides, compose, overrid
 from visualrhp.errors import ConfigError, DataError
 
 STAGES = ("generate_demos", "train_il", "train_rl", "expert_iteration", "evaluate", "report")
-PIPELINES = (*STAGES, "play", "tune_crafted", "verify_demos", "export_demos", "execute", "evaluate_execution")
+SEGMENTER = ("generate_frames", "train_segmenter", "evaluate_segmenter")
+PIPELINES = (
+    *STAGES,
+    *SEGMENTER,
+    "play",
+    "tune_crafted",
+    "verify_demos",
+    "export_demos",
+    "execute",
+    "evaluate_execution",
+)
 Run = Callable[..., tuple[int, str]]
 
 
