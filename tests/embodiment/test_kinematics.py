@@ -23,9 +23,12 @@ from visualrhp.embodiment.robot_model import (
     flange_to_gripper,
     robot_spec,
 )
+from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
+from visualrhp.embodiment.simulated_cell.sampling import CellDistribution, sample_cell
 from visualrhp.embodiment.trajectories import MotionParameters
 from visualrhp.errors import UnreachableError
-from visualrhp.simulation.action_spaces import MAX_ROTATION, MAX_TRANSLATION, GripperMotion
+from visualrhp.simulation.action_spaces import MAX_ROTATION, MAX_TRANSLATION, ContinuousActionSpace, GripperMotion
+from visualrhp.streams import Split
 from visualrhp.types import wrap_angle
 
 MOUNTINGS = (Mounting(), Mounting(-0.5, 0.1, 0.15, 0.3), Mounting(0.1, -0.6, -0.05, 2.0))
@@ -200,6 +203,32 @@ def test_paths_follow_the_line_within_the_limits(pose: Any, motion: GripperMotio
         (first.x + displacement[0], first.y + displacement[1], GRIPPER_HEIGHT), abs=1e-9
     )
     assert end.tilt < 1e-7
+
+
+def test_executed_paths_follow_the_line() -> None:
+    """In the simulated cell, whose arm is a mechanism with motors: 2 mm and 0.5 degrees, height within 2 mm."""
+    rng, num_motions, moved = np.random.default_rng(0), 0, np.zeros(3)
+    for index in range(2):
+        cell = SimulatedCell(sample_cell(CellDistribution(num_objects=1), 0, Split.EVALUATION, index), render=False)
+        for _ in range(5):
+            joints = cell.arm().positions
+            first, motion = KINEMATICS.forward(joints), ContinuousActionSpace().motion(rng.uniform(-1.0, 1.0, 4))
+            if not REACH.allows((first.x, first.y, first.theta), motion):
+                continue
+            displacement, trajectory = displacement_of(first.theta, motion), KINEMATICS.path(joints, motion)
+            cell.follow(trajectory)
+            for _ in range(math.ceil(trajectory.duration / 0.05) + 4):
+                cell.wait(0.05)
+                tool = KINEMATICS.forward(cell.arm().positions)
+                moved = np.array([tool.x - first.x, tool.y - first.y, wrap_angle(tool.theta - first.theta)])
+                away = moved - (moved @ displacement) / (displacement @ displacement) * displacement
+                assert math.hypot(*away[:2]) < 2e-3
+                assert abs(away[2]) < math.radians(0.5)
+                assert abs(tool.height - GRIPPER_HEIGHT) < 2e-3
+            assert moved == pytest.approx(displacement, abs=1e-3)
+            num_motions += 1
+        cell.close()
+    assert num_motions >= 7
 
 
 def test_errors_of_the_height_do_not_add_up() -> None:

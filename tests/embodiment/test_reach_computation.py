@@ -76,6 +76,24 @@ def test_bodies_keep_their_clearance() -> None:
         assert (("upper_arm_link", "wrist_2_link") in COLLISIONS.touching(joints)) == (distance < CLEARANCE)
 
 
+def test_objects_of_20_cm_pass_below_the_arm() -> None:
+    """All of the arm is higher, but what is on the axis of the flange, within the planner's outline of the palm."""
+    mujoco = robot_package("mujoco")
+    model = COLLISIONS.model
+    data, table = mujoco.MjData(model), model.geom("table").id
+    names = ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link")
+    bodies = [model.body(name).id for name in names]
+    links = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and model.geom_contype[geom]]
+    rows = np.flatnonzero(REACH.free.any(axis=1))
+    for row in rows[::6]:
+        data.qpos[:6] = KINEMATICS.inverse(*pose_at(Mounting(), (row + 0.5) * RADIUS_STEP, 1.0), near=HOME)
+        mujoco.mj_kinematics(model, data)
+        places, flange = data.geom_xpos, data.site("attachment_site").xpos
+        beside = [k for k in links if places[k, 0] > -0.25 and np.hypot(*(places[k] - flange)[:2]) > 0.01]
+        heights = [mujoco.mj_geomDistance(model, data, geom, table, 2.0, None) for geom in beside]
+        assert min(heights, default=1.0) > 0.2
+
+
 def test_the_stored_map_serves_all_mountings_at_its_height() -> None:
     mounting = Mounting(0.0, -0.6, 0.0, 0.0)
     assert (reach_of(mounting).free == REACH.free).all()
