@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import shapely
@@ -21,6 +22,13 @@ from visualrhp.embodiment.simulated_cell.sampling import CellDistribution, sampl
 from visualrhp.errors import SimulationError, UnreachableError
 from visualrhp.simulation.action_spaces import MAX_ROTATION, MAX_TRANSLATION, GripperMotion
 from visualrhp.streams import Split, Stream, generator_for
+
+REQUIRED_SHARE: Final = 0.5
+WHOLE_SHARE: Final = 0.95
+"""Visible pixels, as a share of those of the object's outline on the table, which are a little fewer than all of it."""
+
+_MOST_TOUCHING: Final = 3
+"""Pixels of an object beside those of the robot, from which the robot may hide a part of it."""
 
 _ATTEMPTS: Final = 20
 """Motions that are drawn until the arm can make one."""
@@ -81,10 +89,13 @@ def labels_of(cell: SimulatedCell) -> tuple[npt.NDArray[np.uint8], list[int]]:
 def seen_objects(cell: SimulatedCell) -> list[SeenObject]:
     """The objects on the table that the camera sees.
 
-    An object must be found if at least :data:`REQUIRED_SHARE` of its area is seen, and its outline is compared if at
-    least :data:`WHOLE_SHARE` is.
+    An object must be found if at least :data:`REQUIRED_SHARE` of its area is seen. Its outline is compared if all of it
+    is seen: :data:`WHOLE_SHARE` of its area, none of it beside the robot or at the border of the image.
     """
     mask, truth = cell.instance_mask(), cell.truth()
+    beside = np.ones(mask.shape, np.uint8)
+    beside[1:-1, 1:-1] = mask[1:-1, 1:-1] == ROBOT
+    beside = cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0
     found = []
     for number, outline in enumerate(truth.outlines):
         visible = mask == number
@@ -99,15 +110,10 @@ def seen_objects(cell: SimulatedCell) -> list[SeenObject]:
                 visible,
                 polygon,
                 is_required=bool(share >= REQUIRED_SHARE),
-                is_whole=bool(share >= WHOLE_SHARE),
+                is_whole=bool(share >= WHOLE_SHARE and np.count_nonzero(visible & beside) <= _MOST_TOUCHING),
             )
         )
     return found
-
-
-REQUIRED_SHARE: Final = 0.5
-WHOLE_SHARE: Final = 0.95
-"""Visible pixels, as a share of those of the object's outline on the table, which are fewer than all of them."""
 
 
 def _pixels_of(cell: SimulatedCell, outline: shapely.Polygon) -> float:
