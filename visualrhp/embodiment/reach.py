@@ -1,15 +1,15 @@
 """What the arm can reach: a precomputed map, which the planner's model asks before it simulates an action.
 
-The mounting. No mounting of a UR5e lets a level gripper take every pose over the table: the flange, 11.5 cm behind the
-gripper frame's origin, would have to come everywhere in a square of 73 cm, and it reaches a ring of 23.5 to 89.5 cm
+The mounting. No mounting of a UR5e lets a level gripper take every pose over the table: the flange, 8.5 cm behind the
+gripper frame's origin, would have to come everywhere in a square of 67 cm, and it reaches a ring of 23.5 to 89.5 cm
 around the base (nearer, the upper arm would touch the wrist; farther, the elbow is almost stretched). The base stands
-on the table's level, where the ring is widest and no pedestal is in the way, 54 cm from the centre of the table, where
-the ring covers most: 98.2% of the poses over the table, every heading within 19 cm of the centre in x and in y, and 84%
+on the table's level, where the ring is widest and no pedestal is in the way, 55 cm from the centre of the table, where
+the ring covers most: 99.7% of the poses over the table, every heading within 21 cm of the centre in x and in y, and 99%
 of the poses at which random tasks start (:class:`visualrhp.scene.sampling.SceneDistribution`). What is missing are
 headings for which the flange would be beyond the far corners, or too close to the base. Without the bracket, the
 gripper directly on the flange, whatever the posture and without regard to a continuous way, a search from 48 random
 starts finds 84% of 300 poses over the table (5 x 5 places on 44 cm, 12 headings) without collision with the base 45 cm
-from the centre, 80% at 54 cm, and 77% with the base raised by 30 cm; with the bracket it is 96% of the same poses.
+from the centre, 80% at 54 cm, and 77% with the base raised by 30 cm; with the bracket it is nearly all of the same poses.
 
 The map. Whether the arm collides depends on where the flange is relative to the base, and where the gripper points
 relative to the arm: by turning joint 1 alone, the rest of the arm stays as it is, and the table is taken for a plane

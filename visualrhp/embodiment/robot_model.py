@@ -33,7 +33,7 @@ mount, since the pads of the 2F-85 move on arcs; the planner's fingertips are 0.
 GRIPPER_HEIGHT: Final = 0.045
 """Height of the gripper's axis above the table [m]: the base has a radius of 37.5 mm, so 7.5 mm are left below it."""
 
-FLANGE_BEHIND: Final = 0.115
+FLANGE_BEHIND: Final = 0.085
 """Horizontal distance of the flange's axis behind the gripper frame's origin [m]."""
 
 FLANGE_ABOVE: Final = 0.11
@@ -70,7 +70,7 @@ class Mounting:
             with half a turn its first joint is near 0 above the table.
     """
 
-    x: float = -0.54
+    x: float = -0.55
     y: float = 0.0
     height: float = 0.0
     yaw: float = math.pi
