@@ -9,7 +9,7 @@ of the poses at which random tasks start (:class:`visualrhp.scene.sampling.Scene
 headings for which the flange would be beyond the far corners, or too close to the base. Without the bracket, the
 gripper directly on the flange, whatever the posture and without regard to a continuous way, a search from 48 random
 starts finds 84% of 300 poses over the table (5 x 5 places on 44 cm, 12 headings) without collision with the base 45 cm
-from the centre, 80% at 54 cm, and 77% with the base raised by 30 cm; with the bracket it is nearly all of the same poses.
+from the centre, 80% at 54 cm, and 77% with the base raised by 30 cm; with the bracket, nearly all of the same poses.
 
 The map. Whether the arm collides depends on where the flange is relative to the base, and where the gripper points
 relative to the arm: by turning joint 1 alone, the rest of the arm stays as it is, and the table is taken for a plane
