@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
 
 from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.kinds import widest_section
+from visualrhp.embodiment.looking import SeenScene
 from visualrhp.embodiment.perception import SeenObject, View
 from visualrhp.embodiment.robot_cell import ArmState, CameraFrame, GripperState, JointTrajectory, RobotCell
 from visualrhp.errors import ConfigError
@@ -20,24 +20,9 @@ from visualrhp.rendering.frames import render_frame
 from visualrhp.rendering.imagined import ImaginedPath
 from visualrhp.rendering.panels import Caption, caption_bar
 from visualrhp.rendering.video import Frame
-from visualrhp.scene.scene import Scene
 from visualrhp.types import FloatArray, Outcome, State
 
 _FEW_PIXELS = 64
-
-
-class SceneSource(Protocol):
-    """What the recorder asks for the scene that was seen last: :class:`visualrhp.embodiment.robot_world.RobotWorld`."""
-
-    @property
-    def view(self) -> View | None:
-        """The last view of the camera; None without one, as with the true state."""
-        ...
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that was observed last."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +116,7 @@ class FilmRecorder(EpisodeListener):
 
     Args:
         cell: takes the pictures.
-        source: of the scene, usually the world.
+        view: returns what was seen last.
         camera: of the images; None where there is none.
         title: of the caption.
         max_steps: the action limit.
@@ -144,7 +129,7 @@ class FilmRecorder(EpisodeListener):
     def __init__(
         self,
         cell: FilmedCell,
-        source: SceneSource,
+        view: Callable[[], SeenScene],
         camera: Camera | None,
         title: str,
         max_steps: int,
@@ -156,7 +141,7 @@ class FilmRecorder(EpisodeListener):
     ) -> None:
         if size_px < _FEW_PIXELS:
             raise ConfigError(f"size_px={size_px}: a picture needs at least {_FEW_PIXELS} pixels")
-        self._cell, self._source, self._camera, self._imagined = cell, source, camera, imagined
+        self._cell, self._view, self._camera, self._imagined = cell, view, camera, imagined
         self._title, self._max_steps = title, max_steps
         self._size, self._decision_frames, self._hold = size_px, decision_frames, hold
         self._states: list[State] = []
@@ -202,7 +187,7 @@ class FilmRecorder(EpisodeListener):
             return np.full((self._size, self._size, 3), BACKGROUND, dtype=np.uint8)
         state, trail = self._states[-1], self._states[:-1]
         return render_frame(
-            self._source.scene,
+            self._view().scene,
             state,
             size_px=self._size,
             trail=[past for past in trail if past.num_objects == state.num_objects],
@@ -213,8 +198,8 @@ class FilmRecorder(EpisodeListener):
     def _compose(
         self, snapshot: Snapshot, planned: Frame, *, marked: bool = False, outcome: Outcome | None = None
     ) -> Frame:
-        image, view = snapshot.image, self._source.view
-        if marked and view is not None and self._camera is not None:
+        image, view = snapshot.image, self._view()
+        if marked and isinstance(view, View) and self._camera is not None:
             image = annotated(image, view, self._camera)
         parts = [_square(image, self._size), planned]
         if snapshot.side is not None:
