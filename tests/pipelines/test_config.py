@@ -15,7 +15,9 @@ from pipelines.config import (
     C3POLearnerConfig,
     DQNLearnerConfig,
     EvaluateConfig,
+    EvaluateExecutionConfig,
     EvaluateSegmenterConfig,
+    ExecuteConfig,
     ExpertIterationConfig,
     ExportDemosConfig,
     GenerateDemosConfig,
@@ -53,8 +55,17 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "generate_frames": GenerateFramesConfig,
     "train_segmenter": TrainSegmenterConfig,
     "evaluate_segmenter": EvaluateSegmenterConfig,
+    "execute": ExecuteConfig,
+    "evaluate_execution": EvaluateExecutionConfig,
 }
-NO_STAGE = {"play", "tune_crafted", "verify_demos", "export_demos"}  # nothing depends on what they make
+NO_STAGE = {
+    "play",
+    "tune_crafted",
+    "verify_demos",
+    "export_demos",
+    "execute",
+    "evaluate_execution",
+}  # nothing depends on what they make
 SCALES = ("smoke", "quick", "paper")
 REPOSITORY = CONFIG_FOLDER.parent
 
@@ -85,6 +96,12 @@ def test_every_file_of_every_group_composes() -> None:
         assert config.executor.name == executor
     for tracking in options("tracking"):
         assert compose("report", ReportConfig, [f"tracking={tracking}"]).tracking.name == tracking
+    for cell in options("cell"):
+        overrides = [f"cell={cell}", "segmenter=released", "desired=orange"]
+        assert compose("execute", ExecuteConfig, overrides).cell.name == cell
+    for segmenter in options("segmenter"):
+        overrides = [f"segmenter={segmenter}", "segmenter.file=network.onnx"]
+        assert compose("evaluate_execution", EvaluateExecutionConfig, overrides).segmenter.file
     for learner in options("learner"):
         pipeline = "train_il" if learner.startswith("imitation") else "train_rl"
         pipeline = "expert_iteration" if learner == "expert_iteration" else pipeline
