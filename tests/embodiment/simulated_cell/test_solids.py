@@ -15,7 +15,9 @@ SOLIDS = {
 }
 UPRIGHT = np.eye(3)
 LYING = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-ROTATIONS = st.integers(0, 10_000).map(lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix())
+ROTATIONS = st.integers(0, 10_000).map(
+    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
+)
 
 
 def polygon(solid, rotation):

@@ -1,3 +1,6 @@
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,10 @@ def test_a_task_is_made_of_objects_and_poses() -> None:
     task = CellTask((APPLE, BOX), [[0.1, 0.0, 0.0], [0.0, 0.1, 0.5]])  # pyright: ignore[reportArgumentType]
     assert task.poses.shape == (2, 3)
     assert not task.poses.flags.writeable
+    assert pickle.loads(pickle.dumps(task)) == task
+    assert replace(task, seed=1) != task
+    assert replace(task, poses=task.poses + 0.01) != task
+    assert task != "a task"
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,15 @@ def _prepare_robot(mujoco: Any, spec: Any, task: CellTask) -> None:
 def _add_surroundings(mujoco: Any, spec: Any, task: CellTask) -> None:
     world = spec.worldbody
     look = task.look
+    spec.add_texture(
+        name="wall",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.78, 0.82],
+        rgb2=[0.55, 0.57, 0.6],
+        width=64,
+        height=384,
+    )
     table = _material(mujoco, spec, "table", surface_texture(look.table))
     floor = _material(mujoco, spec, "floor", surface_texture(look.floor))
     half = 0.5 * TABLE_SIDE
@@ -270,7 +279,7 @@ def _add_cameras(mujoco: Any, spec: Any, task: CellTask) -> None:
         focal_pixel=[matrix[0, 0], matrix[1, 1]],
         principal_pixel=[-offset[0], -offset[1]],
     )
-    eye, centre = np.array([0.55, -0.95, 0.75]), np.array([-0.1, 0.0, 0.05])
+    eye, centre = np.array([0.5, -0.85, 0.62]), np.array([-0.1, 0.0, 0.1])
     back = (eye - centre) / np.linalg.norm(eye - centre)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

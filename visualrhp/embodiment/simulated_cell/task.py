@@ -48,7 +48,7 @@ def miscalibrated(camera: Camera, position_std: float, angle_std: float, rng: np
     return Camera(camera.intrinsics, camera.distortion, pose, camera.width, camera.height)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellTask:
     """A cell and where everything in it starts. Random ones: :func:`~.sampling.sample_cell`.
 
@@ -90,3 +90,12 @@ class CellTask:
             raise SceneError(f"the poses of a cell's objects must be finite, not {poses.tolist()!s:.200}")
         poses.setflags(write=False)
         object.__setattr__(self, "poses", poses)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, CellTask):
+            return NotImplemented
+        mine, theirs = ({**vars(task), "poses": task.poses.tolist()} for task in (self, other))
+        return mine == theirs
+
+    def __hash__(self) -> int:
+        return hash((self.objects, self.poses.tobytes(), self.gripper_pose, self.seed))
