@@ -13,9 +13,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A stamp is written when an installation is complete; the next make resumes an unfinished one.
 INSTALLED := $(VENV)/.installed
 INSTALLED_FOR_TEST := $(VENV)/.installed-for-test
+INSTALLED_FOR_ROBOT := $(VENV)/.installed-for-robot
 
 .DEFAULT_GOAL := help
-.PHONY: help venv install demo repro test lint format ui bench bench-peers torture clean
+.PHONY: help venv install demo robot repro test lint format ui bench bench-peers torture clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  make \1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "%-18s %s\n", $$1, $$2 }'
@@ -29,6 +30,10 @@ demo: $(INSTALLED) ## play three scenes with the released networks (videos in ou
 	python -m pipelines.play heuristics=pretrained scene.num_objects=5 index=3 action_space=discrete live=false
 	python -m pipelines.play heuristics=pretrained scene_file=examples/scenes/push.yaml live=false
 	@echo "The videos, to be opened in a browser: $(CURDIR)/outputs/play"
+
+robot: $(INSTALLED_FOR_ROBOT) ## run an episode of a robot in a simulated cell (video in outputs/execute)
+	python -m pipelines.execute cell.num_objects=5 index=1
+	@echo "The video, to be opened in a browser: $(CURDIR)/outputs/execute"
 
 repro: $(INSTALLED) ## run the whole pipeline: demonstrations, learning, evaluation, report
 	@$(DVC_WITH_OR_WITHOUT_GIT)
@@ -78,6 +83,10 @@ $(INSTALLED): $(VENV)/.created pyproject.toml constraints.txt
 
 $(INSTALLED_FOR_TEST): $(VENV)/.created pyproject.toml constraints.txt
 	python -m pip install --quiet --constraint constraints.txt --editable ".[test]"
+	@touch $(INSTALLED) $(INSTALLED_FOR_ROBOT) $@
+
+$(INSTALLED_FOR_ROBOT): $(VENV)/.created pyproject.toml constraints.txt
+	python -m pip install --quiet --constraint constraints.txt --editable ".[robot]"
 	@touch $(INSTALLED) $@
 
 # The compared environments pin different versions of pymunk.
