@@ -10,7 +10,10 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+
 from visualrhp.embodiment.kinds import Kind
+from visualrhp.embodiment.simulated_cell.looks import CellLook, Light
 from visualrhp.embodiment.simulated_cell.objects import DENSITIES, CellObject, Rgb, volume
 from visualrhp.embodiment.simulated_cell.solids import Solid, bottle, box, cup, fruit
 from visualrhp.embodiment.simulated_cell.task import CellTask
@@ -18,6 +21,8 @@ from visualrhp.errors import ConfigError
 from visualrhp.scene.scene import TargetRegion
 
 _Placed = tuple[CellObject, float, float, float]
+
+_LOOK: Final = CellLook(table=14, floor=16, ambient=0.5, lights=(Light((0.15, 0.2, -1.0), 0.45),))
 
 _UP: Final = 0.5 * math.pi
 _RED: Final = (0.75, 0.12, 0.10)
@@ -40,8 +45,9 @@ def _placed(
 
 
 def _task(target: tuple[float, float], gripper_pose: tuple[float, float, float], *placed: _Placed) -> CellTask:
-    objects, *coordinates = zip(*placed, strict=True)
-    return CellTask(objects, list(zip(*coordinates, strict=True)), TargetRegion(target), gripper_pose)
+    objects = tuple(thing for thing, *_ in placed)
+    poses = np.array([pose for _, *pose in placed])
+    return CellTask(objects, poses, TargetRegion(np.array(target)), gripper_pose, look=_LOOK)
 
 
 def _low_clutter() -> CellTask:
