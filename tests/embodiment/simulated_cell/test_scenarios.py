@@ -29,5 +29,5 @@ def test_the_paper_s_desired_objects_come_first() -> None:
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match="scenario='fig99'.*low_clutter, high_clutter"):
+    with pytest.raises(ConfigError, match=r"scenario='fig99'.*low_clutter, high_clutter"):
         scenario("fig99")
