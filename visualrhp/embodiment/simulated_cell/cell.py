@@ -214,6 +214,10 @@ class SimulatedCell(RobotCell):
                 found.append(Detection(thing.kind, lies, visible))
         return found
 
+    def picture(self) -> Image:
+        """The image that the camera would take now, for people: without noise and without an effect on later frames."""
+        return self._rendering.image(self._data)
+
     def side_view(self) -> Image:
         """[480, 640, 3] uint8, RGB: the cell from the side."""
         return self._rendering.side_view(self._data)
