@@ -78,7 +78,7 @@ class World:
     def picture(self) -> np.ndarray:
         image = np.full((CAMERA.height, CAMERA.width, 3), (150.0, 140.0, 120.0))
         disc = CAMERA.project(np.column_stack([TARGET + 0.07 * CIRCLE, np.zeros(len(CIRCLE))]))
-        image[painted(CAMERA, shapely.Polygon(disc))] = (200.0, 40.0, 30.0)
+        image[painted(CAMERA, shapely.Polygon(disc))] = (40.0, 180.0, 90.0)
         return np.clip(image + self.rng.normal(0.0, 3.0, image.shape), 0, 255).astype(np.uint8)
 
     def view(self, image=None) -> View:

@@ -299,7 +299,7 @@ class Perception:
         return kept
 
     def _find_target(self, image: npt.NDArray[np.uint8], robot: Mask, masks: list[Mask]) -> FoundTarget:
-        """The target region: searched once, and looked at again while it is in sight."""
+        """The target region: searched once, looked at while it is in sight, and located again if more of it is."""
         covered = robot.copy()
         for mask in masks:
             covered |= mask
@@ -308,8 +308,10 @@ class Perception:
             self._target = find_target(image, self.camera, self._edges, covered, search)
             return self._target
         try:
-            find_target(image, self.camera, self._edges, covered, search, near=self._target.position)
+            found = find_target(image, self.camera, self._edges, covered, search, near=self._target.position)
             self._target_missed = 0
+            if self._target.visible < _MUCH and found.visible > self._target.visible + _MORE:
+                self._target = find_target(image, self.camera, self._edges, covered, search)
         except PerceptionError as error:
             if "cover" not in str(error):
                 self._target_missed += 1
@@ -344,16 +346,22 @@ class Perception:
 
     def _scene_of(self, tracks: tuple[Track, ...], target: FoundTarget) -> Scene:
         """The scene of the tracks; the same object as long as nothing of it changes."""
+        region = TargetRegion(target.position, self.settings.target.radius)
         shapes = tuple(track.reference.shape for track in tracks)
-        if (
-            self._scene is None
-            or any(old is not new for old, new in zip(self._scene.objects, shapes, strict=False))
-            or len(shapes) != self._scene.num_objects
-        ):
-            region = TargetRegion(target.position, self.settings.target.radius)
-            self._scene = Scene(region, shapes, self._edges, CELL_GRIPPER)
-        return self._scene
+        last = self._scene
+        is_same = (
+            last is not None
+            and last.target == region
+            and len(last.objects) == len(shapes)
+            and all(old is new for old, new in zip(last.objects, shapes, strict=True))
+        )
+        if last is None or not is_same:
+            self._scene = last = Scene(region, shapes, self._edges, CELL_GRIPPER)
+        return last
 
+
+_MUCH, _MORE = 0.9, 0.15
+"""A disc of which less than the first share was seen is located again when the second share more of it is seen."""
 
 _SAME: Final = 0.7
 """Share of a mask within that of a more confident detection from which on both are the same object."""

@@ -3,8 +3,9 @@
 The image is rectified to the plane of the table, and a template of the disc is compared with every place. The template
 has regions of one colour each: the parts of the print, and the surface around it. The score is the share of the
 variance in a window, over all channels, that is between the regions (the coefficient of determination): neither
-colours, nor brightness, nor which region is darker have to be known. Pixels of objects and of the arm, which cover
-parts of the disc, are left out.
+brightness nor which region is darker have to be known. If the colour of the print is, places of another colour count
+less. Pixels of objects and of the arm, which cover parts of the disc, are left out, and places of which more is seen
+are preferred.
 """
 
 from __future__ import annotations
@@ -33,7 +34,12 @@ _MARGIN: Final = 0.3
 _LEAST_CONTRAST: Final = 3.0
 """Difference between disc and surface [grey values] below which nothing is a disc: less is noise."""
 
-_LEAST_PART: Final = 0.2
+_PREFERENCE: Final = 0.25
+"""Exponent of the visible share in the order of places: a small part of a disc is often like something else."""
+
+_LEAST_HUE: Final = 0.1
+
+_LEAST_PART: Final = 0.15
 """Share of the print and of its surroundings that has to be seen."""
 
 _COVER_MARGIN: Final = 7  # [px], odd: borders of masks are inexact, and objects cast shadows
@@ -47,6 +53,7 @@ class TargetSearch:
         radius: of the disc [m] (Sec. 9: 7 cm).
         inner: radii within it at which its colour changes [m], such as the inner border of a ring; none for a disc of
             one colour.
+        colour: of the innermost part, red, green and blue in [0, 1]; null if it is not known. Only its hue counts.
         resolution: of the rectified image [m/px].
         least_score: share of the variance that the disc has to explain.
         least_visible: share of the template that has to be seen.
@@ -54,13 +61,16 @@ class TargetSearch:
 
     radius: Positive = 0.07
     inner: Annotated[tuple[Positive, ...], AsTuple] = (0.058,)
+    colour: Annotated[tuple[Fraction, Fraction, Fraction], AsTuple] | None = (0.10, 0.62, 0.38)
     resolution: Positive = 2.5e-3
-    least_score: Fraction = 0.45
-    least_visible: Fraction = 0.3
+    least_score: Fraction = 0.4
+    least_visible: Fraction = 0.2
 
     def __post_init__(self) -> None:
         if any(radius >= self.radius for radius in self.inner):
             raise ValueError(f"inner={list(self.inner)} should be smaller than radius={self.radius}.")
+        if self.colour is not None and max(self.colour) - min(self.colour) < _LEAST_HUE:
+            raise ValueError(f"colour={list(self.colour)} is grey, without a hue: use null.")
 
 
 @dataclass(frozen=True)
@@ -114,7 +124,7 @@ def find_target(
     if not np.isfinite(score).any():
         why = "nothing in the image differs from the surface" if is_seen else "objects and arm cover the surface"
         raise PerceptionError(f"the target disc is not found: {why}")
-    best = int(np.nanargmax(np.where(np.isfinite(score), score, -np.inf)))
+    best = int(np.argmax(np.where(np.isfinite(score), score * visible**_PREFERENCE, -np.inf)))
     row, column = divmod(best, score.shape[1])
     found = float(score[row, column])
     if found < search.least_score:
@@ -159,10 +169,7 @@ def _regions(search: TargetSearch) -> list[npt.NDArray[np.float32]]:
     axis = np.arange(-half, half + 1) * search.resolution
     distance = np.hypot(axis[:, None], axis[None, :])
     borders = [0.0, *sorted(search.inner), search.radius, search.radius * (1.0 + _MARGIN)]
-    return [
-        ((distance >= low) & (distance < high)).astype(np.float32)
-        for low, high in itertools.pairwise(borders)
-    ]
+    return [((distance >= low) & (distance < high)).astype(np.float32) for low, high in itertools.pairwise(borders)]
 
 
 def _scores(
@@ -179,14 +186,17 @@ def _scores(
     count = sum(counts[1:], start=counts[0])
     between, overall = np.zeros_like(count), np.zeros_like(count)
     window = np.asarray(sum(regions), dtype=np.float32)
+    means: list[FloatArray] = []
     for channel in range(image.shape[2]):
-        values = image[..., channel] - image[..., channel].mean()
+        middle = image[..., channel].mean()
+        values = np.asarray(image[..., channel] - middle, dtype=np.float32)
         weighted = values * weights
         sums = [total(weighted, region) for region in regions]
         mean = sum(sums[1:], start=sums[0]) / count
         for part, number in zip(sums, counts, strict=True):
             between += number * (part / number - mean) ** 2
         overall += total(weighted * values, window) - count * mean**2
+        means.append(float(middle) + sums[0] / counts[0])
     visible = count / float(window.sum())
     # Print and surroundings have to be seen: one of them alone shows no contrast.
     printed = (count - counts[-1]) / float(sum(region.sum() for region in regions[:-1]))
@@ -195,7 +205,21 @@ def _scores(
     is_seen &= visible >= search.least_visible
     is_candidate = is_seen & (np.sqrt(between / count) > _LEAST_CONTRAST)
     score = between / np.maximum(overall, 1e-6 * count)
+    if search.colour is not None:
+        score *= _likeness(means, search.colour)
     return np.where(is_candidate, score, np.nan), visible, bool(is_seen.any())
+
+
+def _likeness(means: list[FloatArray], colour: tuple[float, float, float]) -> FloatArray:
+    """How much the hue of the innermost part is that of the print, in [0, 1]: the cosine of the angle between the
+    colours without their grey, and 0 for a grey."""
+    grey = (means[0] + means[1] + means[2]) / 3.0
+    wanted = np.array(colour) - np.mean(colour)
+    wanted /= np.linalg.norm(wanted)
+    along = sum((mean - grey) * part for mean, part in zip(means, wanted.tolist(), strict=True))
+    length = np.sqrt(sum((mean - grey) ** 2 for mean in means))
+    # A square root, since a light with a colour of its own turns the hue.
+    return np.sqrt(np.clip(along / np.maximum(length, 1.0), 0.0, 1.0))
 
 
 def _vertex(values: FloatArray, index: int) -> float:
