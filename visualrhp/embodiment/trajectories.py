@@ -21,10 +21,10 @@ class MotionParameters:
     """How fast the tool moves.
 
     Attributes:
-        speed: largest speed of the gripper frame's origin along its line [m/s]. Objects are pushed quasi-statically, and
-            what rolls, rolls on by the square of the speed: fruit by 1 to 3 cm at 0.1 m/s, 3 to 8 cm at 0.15 m/s.
+        speed: largest speed of the gripper frame's origin along its line [m/s].
         rotation_speed: largest rate of its heading [rad/s].
-        ramp_s: time from rest to full speed, and from full speed to rest [s].
+        ramp_s: time from rest to full speed, and from full speed to rest [s]. Fruit rolls on if the gripper brakes
+            faster than the table brakes the fruit, by 3 to 8 cm at 0.15 m/s and 0.25 s, and hardly at the defaults.
         period_s: largest time between samples of a trajectory [s]; 8 ms are the cycle of many robot controllers.
     """
 
