@@ -23,6 +23,8 @@ OBJECT_CLASSES: Final[tuple[tuple[Kind, bool], ...]] = (
 """(kind, whether it lies on its side) of class :data:`FIRST_OBJECT_CLASS` and those after it."""
 
 NUM_CLASSES: Final = FIRST_OBJECT_CLASS + len(OBJECT_CLASSES)
+NUM_SURFACES: Final = FIRST_OBJECT_CLASS + 1
+"""Background, robot, and any object."""
 
 
 def class_of(kind: Kind, is_lying: bool) -> int:

@@ -27,7 +27,7 @@ class _Inference(nn.Module):
 
     def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         output = cast("SegmentationOutput", self.network(images))
-        return output.classes.softmax(dim=1), output.centres.sigmoid(), output.offsets * OFFSET_UNIT
+        return output.probabilities(), output.centres.sigmoid(), output.offsets * OFFSET_UNIT
 
 
 def check_exporter() -> None:

@@ -20,12 +20,11 @@ CENTRE_SPREAD: Final = 2.0
 LEAST_CELLS: Final = 3.0
 """Visible area below which an object has no centre [cells]: it is hidden."""
 
+_KIND_WEIGHT: Final = 0.5
 _CENTRE_WEIGHT: Final = 0.5
 _OFFSET_WEIGHT: Final = 0.5
-_OBJECT_WEIGHT: Final = 2.0
-"""Further weight of objects' cells, a tenth of all, in which the kind has to be told."""
 _EDGE_WEIGHT: Final = 4.0
-"""Further weight of cells that hold more than one label: outlines, and the lines along which objects touch."""
+"""Further weight of cells that hold more than one label: outlines."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def targets_of(frames: LabelledFrames) -> Targets:
             centres[frame, round(y), round(x)] = 1.0
     return Targets(
         torch.from_numpy(coverage),
-        torch.from_numpy((1.0 + _EDGE_WEIGHT * mixed + _OBJECT_WEIGHT * is_object).astype(np.float32)),
+        torch.from_numpy(1.0 + _EDGE_WEIGHT * mixed.astype(np.float32)),
         torch.from_numpy(centres),
         torch.from_numpy(offsets),
         torch.from_numpy(is_object),
@@ -103,11 +102,15 @@ def visible_centres(instances: np.ndarray) -> dict[int, tuple[float, float]]:
 def segmentation_loss(output: SegmentationOutput, targets: Targets) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """The loss, and its terms.
 
-    Cross entropy with the coverages, the focal loss of CenterNet (Zhou et al., 2019) for the map of centres, and the
-    absolute error of offsets.
+    Cross entropy of surfaces with their coverages, and of kinds where there are objects; the focal loss of CenterNet
+    (Zhou et al., 2019) for the map of centres; the absolute error of offsets.
     """
-    classes = -(targets.coverage * functional.log_softmax(output.classes, dim=1)).sum(dim=1)
-    class_loss = (targets.weight * classes).sum() / targets.weight.sum()
+    covered = targets.coverage[:, FIRST_OBJECT_CLASS:]
+    surfaces = torch.cat([targets.coverage[:, :FIRST_OBJECT_CLASS], covered.sum(dim=1, keepdim=True)], dim=1)
+    entropy = -(surfaces * functional.log_softmax(output.surfaces, dim=1)).sum(dim=1)
+    surface_loss = (targets.weight * entropy).sum() / targets.weight.sum()
+    kinds = functional.avg_pool2d(covered, 2)
+    kind_loss = -(kinds * functional.log_softmax(output.kinds, dim=1)).sum() / kinds.sum().clamp(min=1.0)
     log_centre, log_other = functional.logsigmoid(output.centres), functional.logsigmoid(-output.centres)
     probability = log_centre.exp()
     is_centre = targets.centres == 1.0
@@ -116,13 +119,14 @@ def segmentation_loss(output: SegmentationOutput, targets: Targets) -> tuple[tor
     centre_loss = -(positive + negative) / is_centre.sum().clamp(min=1)
     errors = (output.offsets - targets.offsets).abs().sum(dim=1)
     offset_loss = (errors * targets.is_object).sum() / targets.is_object.sum().clamp(min=1)
-    loss = class_loss + _CENTRE_WEIGHT * centre_loss + _OFFSET_WEIGHT * offset_loss
-    return loss, {"classes": class_loss.detach(), "centres": centre_loss.detach(), "offsets": offset_loss.detach()}
+    loss = surface_loss + _KIND_WEIGHT * kind_loss + _CENTRE_WEIGHT * centre_loss + _OFFSET_WEIGHT * offset_loss
+    terms = {"surfaces": surface_loss, "kinds": kind_loss, "centres": centre_loss, "offsets": offset_loss}
+    return loss, {name: term.detach() for name, term in terms.items()}
 
 
 def class_agreement(output: SegmentationOutput, targets: Targets) -> torch.Tensor:
     """Intersection over union of the objects' cells of one class, all classes and frames together."""
-    found, right = output.classes.argmax(dim=1), targets.coverage.argmax(dim=1)
+    found, right = output.probabilities().argmax(dim=1), targets.coverage.argmax(dim=1)
     objects_found, objects_right = found >= FIRST_OBJECT_CLASS, right >= FIRST_OBJECT_CLASS
     both = (objects_found & (found == right)).sum()
     return both / (objects_found | objects_right).sum().clamp(min=1)

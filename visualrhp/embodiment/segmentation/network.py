@@ -1,9 +1,12 @@
-"""Our segmentation network: a small encoder and decoder with three outputs for every cell of a grid (torch).
+"""Our segmentation network: a small encoder and decoder with outputs for every cell of a grid (torch).
 
 The outputs are those of Panoptic-DeepLab (Cheng et al., 2020): the class of each cell, a map whose peaks are the
 centres of the visible parts of objects, and the offset from each cell to the centre of its object. Objects that touch
 are told apart by their centres. A cell is 2 x 2 pixels of the input; probabilities of classes are coverages of it, so
 that outlines are found between cells by interpolation (:mod:`visualrhp.embodiment.segmentation.grouping`).
+
+Where objects are is found at the finest resolution, and what they are at the next one, where the features have seen
+more of the image: together, they learn faster than nine classes from the finest features.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from visualrhp.embodiment.segmentation.classes import NUM_CLASSES
+from visualrhp.embodiment.segmentation.classes import FIRST_OBJECT_CLASS, NUM_CLASSES, NUM_SURFACES
 from visualrhp.embodiment.segmentation.configs import NetworkConfig
 
 CELL: Final = 2
@@ -33,14 +36,22 @@ class SegmentationOutput:
     """Outputs for a batch of B images of S x S pixels, on G x G cells (G = S / 2).
 
     Attributes:
-        classes: [B, C, G, G] logits.
+        surfaces: [B, 3, G, G] logits of background, robot and any object.
+        kinds: [B, C - 2, G / 2, G / 2] logits of the classes of objects.
         centres: [B, G, G] logits of the map of centres.
         offsets: [B, 2, G, G] from each cell to the centre of its object, (x, y) in units of :data:`OFFSET_UNIT` cells.
     """
 
-    classes: torch.Tensor
+    surfaces: torch.Tensor
+    kinds: torch.Tensor
     centres: torch.Tensor
     offsets: torch.Tensor
+
+    def probabilities(self) -> torch.Tensor:
+        """[B, C, G, G] of all classes."""
+        surfaces = self.surfaces.softmax(dim=1)
+        kinds = _enlarged(self.kinds, surfaces).softmax(dim=1)
+        return torch.cat([surfaces[:, :FIRST_OBJECT_CLASS], surfaces[:, FIRST_OBJECT_CLASS:] * kinds], dim=1)
 
 
 def _convolution(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
@@ -86,11 +97,12 @@ class SegmentationNetwork(nn.Module):
             self.lift = nn.Conv2d(width, config.fine_width, 1)
             self.detail = nn.Conv2d(widths[0], config.fine_width, 1)
             self.fine = _convolution(config.fine_width, config.fine_width)
-            self.head = nn.Conv2d(config.fine_width, NUM_CLASSES + 3, 1)
+            self.kinds = nn.Conv2d(width, NUM_CLASSES - FIRST_OBJECT_CLASS, 1)
+            self.head = nn.Conv2d(config.fine_width, NUM_SURFACES + 3, 1)
             bias = self.head.bias
             assert bias is not None
             nn.init.zeros_(bias)
-            bias.data[NUM_CLASSES] = _PRIOR_LOGIT
+            bias.data[NUM_SURFACES] = _PRIOR_LOGIT
 
     def forward(self, images: torch.Tensor) -> SegmentationOutput:
         """Args: images: [B, S, S, 3] uint8, RGB; S divisible by 2."""
@@ -105,7 +117,8 @@ class SegmentationNetwork(nn.Module):
             decoded = self.decoder[number](_enlarged(decoded, skipped) + self.lateral[number](skipped))
         fine = functional.relu(_enlarged(self.lift(decoded), stem) + self.detail(stem))
         output = self.head(self.fine(fine))
-        return SegmentationOutput(output[:, :NUM_CLASSES], output[:, NUM_CLASSES], output[:, NUM_CLASSES + 1 :])
+        surfaces, centres, offsets = output.split([NUM_SURFACES, 1, 2], dim=1)
+        return SegmentationOutput(surfaces, self.kinds(decoded), centres[:, 0], offsets)
 
 
 def _enlarged(coarse: torch.Tensor, fine: torch.Tensor) -> torch.Tensor:
