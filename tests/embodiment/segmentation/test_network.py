@@ -16,7 +16,11 @@ TINY = NetworkConfig((4, 6, 8), (1, 1), 6, 4)
 @pytest.mark.parametrize("size", [32, 120, 36])
 def test_outputs_have_half_the_resolution(size: int) -> None:
     output = SegmentationNetwork(TINY)(torch.zeros((2, size, size, 3), dtype=torch.uint8))
-    assert output.classes.shape == (2, NUM_CLASSES, size // 2, size // 2)
+    assert output.surfaces.shape == (2, 3, size // 2, size // 2)
+    assert output.kinds.shape == (2, NUM_CLASSES - 2, size // 4, size // 4)
+    probabilities = output.probabilities()
+    assert probabilities.shape == (2, NUM_CLASSES, size // 2, size // 2)
+    torch.testing.assert_close(probabilities.sum(dim=1), torch.ones(2, size // 2, size // 2))
     assert output.centres.shape == (2, size // 2, size // 2)
     assert output.offsets.shape == (2, 2, size // 2, size // 2)
 

@@ -105,7 +105,7 @@ class SegmentationNetwork(nn.Module):
             bias.data[NUM_SURFACES] = _PRIOR_LOGIT
 
     def forward(self, images: torch.Tensor) -> SegmentationOutput:
-        """Args: images: [B, S, S, 3] uint8, RGB; S divisible by 2."""
+        """Args: images: [B, S, S, 3] uint8, RGB; S divisible by 4."""
         pixels = images.permute(0, 3, 1, 2).to(torch.float32) * (1.0 / 255.0) - 0.5
         stem = self.stem(pixels)
         features = [stem]
