@@ -209,7 +209,7 @@ class Tracker:
             track.is_held = self._holds(track, gripper)
         self._last_gripper = gripper
         if lost:
-            named = ", ".join(f"{t.kind} {t.id} at ({t.pose[0]:.3f}, {t.pose[1]:.3f})" for t in lost)
+            named = ", ".join(f"{t.kind} {t.id} at ({t.pose[0]:z.3f}, {t.pose[1]:z.3f})" for t in lost)
             raise PerceptionError(
                 f"vanished: {named}; it is neither hidden nor was it close to an edge, and was not seen in the last "
                 f"{self.settings.forget} views; look whether it is still on the surface"
