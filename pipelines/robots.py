@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from visualrhp.embodiment.camera import Camera
     from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.kinematics import ArmKinematics
-    from visualrhp.embodiment.looking import Perceiver
+    from visualrhp.embodiment.looking import Perceiver, RobotMask
     from visualrhp.embodiment.perception import DesiredObject
     from visualrhp.embodiment.planned_model import ReachableModel
     from visualrhp.embodiment.robot_cell import RobotCell
+    from visualrhp.embodiment.robot_model import Mounting
     from visualrhp.embodiment.robot_world import RobotWorld
     from visualrhp.embodiment.segmentation.detection import Segmenter
     from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
@@ -37,6 +38,7 @@ class Robot:
         kinematics: of its arm.
         perception: interprets its frames.
         simulated: the cell, if it is simulated, which knows what is true.
+        robot_mask: returns the pixels that may show the robot; None without a camera.
         desired: index of the desired object among those of a simulated cell.
     """
 
@@ -44,6 +46,7 @@ class Robot:
     kinematics: ArmKinematics
     perception: Perceiver
     simulated: SimulatedCell | None = None
+    robot_mask: RobotMask | None = None
     desired: int = 0
 
     def true_end(self) -> dict[str, Any] | None:
@@ -81,7 +84,8 @@ def open_robot(config: RobotConfig, index: int, *, read_only: bool = False) -> R
     segmenter = build_segmenter(config.segmenter)
     cell = _open_ur_rtde(config.cell, read_only)
     desired = DesiredObject(config.desired, config.desired_which)
-    return Robot(cell, kinematics, _perception(camera, segmenter, kinematics, desired))
+    perception = _perception(camera, segmenter, kinematics, desired)
+    return Robot(cell, kinematics, perception, robot_mask=_robot_mask(camera, config.cell.mounting))
 
 
 def _open_ur_rtde(config: UrRtdeCellConfig, read_only: bool) -> UrRtdeCell:
@@ -116,7 +120,8 @@ def _simulated(config: RobotConfig, index: int) -> Robot:
     except Exception:
         cell.close()
         raise
-    return Robot(cell, kinematics, perception, cell, desired)
+    robot_mask = _robot_mask(cell.camera, task.mounting) if has_camera else None
+    return Robot(cell, kinematics, perception, cell, robot_mask, desired)
 
 
 def _scene_and_state(cell: SimulatedCell):
@@ -149,6 +154,12 @@ def _perception(camera: Camera, segmenter: Segmenter, kinematics: ArmKinematics,
     from visualrhp.embodiment.perception import Perception
 
     return Perception(camera, segmenter, kinematics, desired)
+
+
+def _robot_mask(camera: Camera, mounting: Mounting) -> RobotMask:
+    from visualrhp.embodiment.arm_silhouette import arm_mask
+
+    return lambda arm, gripper: arm_mask(camera, arm.positions, gripper.opening, mounting)
 
 
 def build_segmenter(config: SegmenterConfig) -> Segmenter:
@@ -186,6 +197,7 @@ def make_world(config: RobotConfig, robot: Robot, space: ActionSpace) -> RobotWo
         watchdog=safety.watchdog,
         motion=safety.motion,
         look=safety.look,
+        robot_mask=robot.robot_mask,
         host_clock=None if robot.simulated is not None else time.monotonic,
     )
 
@@ -208,6 +220,7 @@ def make_dry_run(config: RobotConfig, robot: Robot, space: ActionSpace) -> DryRu
         watchdog=safety.watchdog,
         motion=safety.motion,
         look=safety.look,
+        robot_mask=robot.robot_mask,
     )
 
 
@@ -215,9 +228,12 @@ def make_model(
     config: RobotConfig, robot: Robot, world: RobotWorld | DryRunWorld, space: ActionSpace
 ) -> ReachableModel:
     """The planner's model of what ``world`` sees: it plans with what the arm can reach, and follows the scene."""
+    from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.planned_model import ReachableModel
 
     scene, _ = world.observe()
     model = ReachableModel(scene, space, robot.kinematics.reach, config.physics)
-    getattr(world, "followers", []).append(model.follow)
+    if not isinstance(world, DryRunWorld):
+        world.followers.append(model.follow)
+        world.imagine = lambda state, action: model.transition_model.advance(state, action)
     return model

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, StepLatency
+from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory
 from visualrhp.embodiment.robot_cell import ArmLimits, ArmState, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
@@ -63,7 +63,7 @@ class DryRunWorld(World):
         kinematics: of the arm.
         action_space: of the actions.
         imagine: the state after a motion, by the planner's model: a function of (scene, state, action).
-        arm_limits, watchdog, motion, look: limits, as of :class:`~visualrhp.embodiment.robot_world.RobotWorld`.
+        arm_limits, watchdog, motion, look, robot_mask: as of :class:`~visualrhp.embodiment.robot_world.RobotWorld`.
 
     Attributes:
         motions: those that were checked.
@@ -82,12 +82,13 @@ class DryRunWorld(World):
         watchdog: WatchdogLimits | None = None,
         motion: MotionLimits | None = None,
         look: LookLimits | None = None,
+        robot_mask: RobotMask | None = None,
     ) -> None:
         self.motions: list[PlannedMotion] = []
         self.latencies = [StepLatency()]
         self._read_only = ReadOnlyCell(cell)
         self._cell = WatchedCell(self._read_only, CELL_GRIPPER.stroke, watchdog, arm_limits)
-        self._looker = Looker(self._cell, perception, look)
+        self._looker = Looker(self._cell, perception, look, robot_mask)
         self._kinematics, self._space, self._imagine = kinematics, action_space, imagine
         self._motion_limits = motion or MotionLimits()
         self._seen: tuple[Scene, State] | None = None

@@ -18,6 +18,8 @@ from visualrhp.parameters import Count, Positive, parameters
 from visualrhp.scene.scene import Scene
 from visualrhp.types import State
 
+RobotMask = Callable[[ArmState, GripperState], npt.NDArray[np.bool_]]
+
 _BLOCK = 8
 """Side of the blocks whose mean colour is compared between two frames [px]."""
 _NOTHING = np.zeros((0, 0, 3), np.uint8)
@@ -126,6 +128,7 @@ class Looker:
         cell: the cell.
         perception: interprets its frames.
         limits: see :class:`LookLimits`.
+        robot_mask: returns the pixels [H, W] that may show the robot; there, nothing is taken for a motion of objects.
         host_clock: of this machine [s], against which the clock of a real cell is held; None for a simulated one,
             whose time passes only when it is waited for.
     """
@@ -135,11 +138,13 @@ class Looker:
         cell: WatchedCell,
         perception: Perceiver,
         limits: LookLimits | None = None,
+        robot_mask: RobotMask | None = None,
         host_clock: Callable[[], float] | None = None,
     ) -> None:
         self.limits = limits or LookLimits()
         self._cell = cell
         self._perception = perception
+        self._robot_mask = robot_mask
         self._host_clock = host_clock or (lambda: 0.0)
 
     def look(self, expected: Sight | None, closed: bool, latency: StepLatency) -> Sight:
@@ -174,7 +179,7 @@ class Looker:
         begun = self._cell.now()
         arm, gripper = self._cell.rest()
         if getattr(self._perception, "needs_camera", True):
-            frame = self._still_frame(max(arm.time_s, gripper.time_s))
+            frame = self._still_frame(arm, gripper)
             host_time_s = self._host_clock()
             try:
                 view = self._perceive(frame, arm, gripper, closed, latency)
@@ -208,16 +213,20 @@ class Looker:
             raise PerceptionError("the view has another number of poses than of objects, or poses that are not finite")
         return view
 
-    def _still_frame(self, at_rest_s: float) -> CameraFrame:
+    def _still_frame(self, arm: ArmState, gripper: GripperState) -> CameraFrame:
         """A frame that was exposed after the robot came to rest, and that shows objects at rest."""
         limits = self.limits
         self._cell.wait(self._cell.limits.control_period_s)
-        frame = self._cell.frame_after(at_rest_s)
+        frame = self._cell.frame_after(max(arm.time_s, gripper.time_s))
+        looked_at = 1.0
+        if self._robot_mask is not None:
+            robot = self._robot_mask(arm, gripper).astype(np.uint8)
+            looked_at = (_blocks(np.repeat(255 * robot[..., None], 3, axis=2)) == 0.0).astype(np.float32)
         end = self._cell.now() + limits.max_unrest_s
         while True:
             self._cell.wait(max(0.0, frame.time_s + limits.still_interval_s - self._cell.now()))
             again = self._cell.frame_after(frame.time_s)
-            change = float(np.abs(_blocks(again.image) - _blocks(frame.image)).max())
+            change = float((looked_at * np.abs(_blocks(again.image) - _blocks(frame.image))).max())
             if change <= limits.still_difference:
                 return again
             if self._cell.now() > end:
@@ -240,6 +249,12 @@ class Looker:
             if self._cell.now() > end:  # it may be falling for ever, beyond the edges
                 return frame, view
             before = after
+
+    def expect(self, view: SeenScene, predicted: State) -> None:
+        """Tell a perception that keeps tracks (``expect``) where they should be in the next image: {id: pose [3]}."""
+        expect, tracks = getattr(self._perception, "expect", None), getattr(view, "tracks", None)
+        if expect is not None and tracks is not None:
+            expect({track.id: pose for track, pose in zip(tracks, predicted.object_poses, strict=True)})
 
     def agree(self, one: SeenScene, other: SeenScene) -> bool:
         """Whether two views show the same scene."""

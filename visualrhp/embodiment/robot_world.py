@@ -17,15 +17,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
-from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, Sight, StepLatency
+from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, Sight, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
+from visualrhp.embodiment.prediction import with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
 from visualrhp.embodiment.watchdog import WatchdogLimits, WatchedCell
-from visualrhp.errors import ActionError, CellFault, PerceptionError
+from visualrhp.errors import ActionError, CellFault, PerceptionError, VisualRHPError
 from visualrhp.execution.world import World
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
@@ -43,9 +45,12 @@ class RobotWorld(World):
         closed: the commanded state of the gripper at the start.
         arm_limits: of the arm.
         watchdog, motion, look: limits.
-        host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
+        robot_mask, host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
 
     Attributes:
+        imagine: the state after an action, by the planner's model: a function of (state, action) in the scene of the
+            last view. With it, objects that the arm hides are where it expects them; None to leave them where they were
+            seen last.
         followers: called with the scene after every look, such as ``ReachableModel.follow``.
         latencies: of the actions so far; the last one is of the action to come.
         sight: the view on which the next action rests; None after a motion, until the next look.
@@ -66,8 +71,10 @@ class RobotWorld(World):
         watchdog: WatchdogLimits | None = None,
         motion: MotionLimits | None = None,
         look: LookLimits | None = None,
+        robot_mask: RobotMask | None = None,
         host_clock: Callable[[], float] | None = None,
     ) -> None:
+        self.imagine: Callable[[State, Action], State] | None = None
         self.followers: list[Callable[[Scene], None]] = []
         self.latencies: list[StepLatency] = [StepLatency()]
         self.sight: Sight | None = None
@@ -75,12 +82,13 @@ class RobotWorld(World):
         self.last_trajectory: JointTrajectory | None = None
         self.fault: str | None = None
         self._cell = WatchedCell(cell, CELL_GRIPPER.stroke, watchdog, arm_limits)
-        self._looker = Looker(self._cell, perception, look, host_clock)
+        self._looker = Looker(self._cell, perception, look, robot_mask, host_clock)
         self._kinematics = kinematics
         self._space = action_space
         self._closed = closed
         self._motion_limits = motion or MotionLimits()
         self._num_withheld = 0
+        self._predicted: State | None = None
 
     # -------------------------------------------------------------------------------------------------------- observe
     def observe(self) -> tuple[Scene, State]:
@@ -93,7 +101,11 @@ class RobotWorld(World):
     def _renew(self) -> None:
         """Look, and tell the followers."""
         latency = self.latencies[-1]
-        self.sight = self.last_sight = self._looker.look(self.last_sight, self._closed, latency)
+        sight = self._looker.look(self.last_sight, self._closed, latency)
+        if self._predicted is not None and self.last_sight is not None:
+            view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
+            sight = replace(sight, view=view)
+        self.sight = self.last_sight = sight
         started = time.perf_counter()
         for follow in self.followers:
             follow(self.sight.view.scene)
@@ -117,11 +129,23 @@ class RobotWorld(World):
                     f"{self._cell.limits.max_view_age_s:g} s are allowed"
                 )
             self.sight, self.last_trajectory = None, trajectory  # the view is used up
+            self._predict(sight, action)
             if motion.closed is not None:
                 self._closed = motion.closed
             latency.motion_s = execute(self._cell, trajectory, opening)
             self._num_withheld = 0
             self.latencies.append(StepLatency())
+
+    def _predict(self, sight: Sight, action: Action) -> None:
+        """Predict the state after the action, and tell it to a perception that can make use of it."""
+        self._predicted = None
+        if self.imagine is None:
+            return
+        try:
+            self._predicted = self.imagine(sight.view.state, action)
+        except VisualRHPError:  # an overlap that the model cannot simulate
+            return
+        self._looker.expect(sight.view, self._predicted)
 
     def _trajectory(self, motion: GripperMotion) -> JointTrajectory | None:
         """The checked motion of the arm; None if only the fingers move."""
