@@ -5,6 +5,10 @@ distinguishes alternatives, and parameters that only the pipeline needs; an inst
 is passed to it unchanged. All keys are required: ``conf/`` has the values.
 """
 
+from pipelines.config.calibration import (
+    BoardPlaceConfig,
+    CalibrateCameraConfig,
+)
 from pipelines.config.common import (
     ActionSpaceConfig,
     ExecutorConfig,
@@ -69,7 +73,9 @@ from pipelines.config.suites import (
 __all__ = [
     "ActionSpaceConfig",
     "ActorCriticImitationLearnerConfig",
+    "BoardPlaceConfig",
     "C3POLearnerConfig",
+    "CalibrateCameraConfig",
     "CellConfig",
     "ClosedLoopKRRTConfig",
     "CraftedHeuristicConfig",

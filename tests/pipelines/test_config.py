@@ -13,6 +13,7 @@ import yaml
 
 from pipelines.config import (
     C3POLearnerConfig,
+    CalibrateCameraConfig,
     DQNLearnerConfig,
     EvaluateConfig,
     EvaluateExecutionConfig,
@@ -55,10 +56,12 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "generate_frames": GenerateFramesConfig,
     "train_segmenter": TrainSegmenterConfig,
     "evaluate_segmenter": EvaluateSegmenterConfig,
+    "calibrate_camera": CalibrateCameraConfig,
     "execute": ExecuteConfig,
     "evaluate_execution": EvaluateExecutionConfig,
 }
 NO_STAGE = {
+    "calibrate_camera",
     "play",
     "tune_crafted",
     "verify_demos",
