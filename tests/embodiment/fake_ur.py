@@ -186,9 +186,11 @@ class FakeCapture:
         size: width and height [px].
         fails_after: number of images, after which it gives none.
         error: that ``read`` raises then; None to return that there is no image.
+        is_still: whether the images differ by noise only, as of a scene at rest.
     """
 
-    def __init__(self, size=(64, 48), fails_after=10**9, error=None, is_open=True) -> None:
+    def __init__(self, size=(64, 48), fails_after=10**9, error=None, is_open=True, is_still=False) -> None:
+        self.is_still, self._rng = is_still, np.random.default_rng(0)
         self.size, self.fails_after, self.error, self.is_open = size, fails_after, error, is_open
         self.num_read, self.settings = 0, {}
         self.is_released = False
@@ -208,6 +210,9 @@ class FakeCapture:
             return False, None
         self.num_read += 1
         width, height = self.size
+        if self.is_still:
+            stripes = np.where(np.arange(width) % 16 < 8, 60, 180)[None, :, None]
+            return True, (stripes + self._rng.integers(-3, 4, (height, width, 3))).astype(np.uint8)
         image = np.zeros((height, width, 3), np.uint8)
         image[..., 0], image[..., 2] = 200, self.num_read % 256  # blue, and the number in red
         return True, image

@@ -1,16 +1,21 @@
 """The real cell, against a controller, a gripper and a camera that speak the same protocols."""
 
+import threading
 import time
 
 import numpy as np
 import pytest
 
 from tests.embodiment.fake_ur import FakeCapture, FakeController, FakeGripper
+from tests.embodiment.planar_cell import PlanarKinematics, Seen, pushing_task
 from visualrhp.embodiment.opencv_camera import OpenCvCamera, OpenCvParameters
 from visualrhp.embodiment.robot_cell import JointTrajectory
+from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.embodiment.robotiq_gripper import RobotiqParameters
 from visualrhp.embodiment.ur_rtde_cell import UrRtdeCell, UrRtdeParameters
 from visualrhp.errors import CellFault, ConfigError
+from visualrhp.simulation.action_spaces import make_action_space
+from visualrhp.types import State
 
 CAMERA = OpenCvParameters(width=64, height=48, timeout_s=0.5)
 
@@ -214,3 +219,47 @@ def test_a_missing_package_is_named(lab):
 def test_the_host_is_needed():
     with pytest.raises(ConfigError, match="host is empty"):
         UrRtdeParameters(host=" ")
+
+
+# ------------------------------------------------------------------------------------------------ the loop on this cell
+class Staring:
+    """Sees a scene in which nothing moves."""
+
+    task = pushing_task()
+
+    def perceive(self, frame, arm, gripper, closed):
+        pose = PlanarKinematics().forward(arm.positions)
+        state = self.task.state
+        seen = State.create((pose.x, pose.y, pose.theta), gripper.opening, closed, state.object_poses)
+        return Seen(self.task.scene, seen)
+
+
+@pytest.fixture
+def world(lab):
+    lab.capture = FakeCapture(is_still=True)
+    lab.controller.positions = PlanarKinematics().joints((-0.2, 0.0, 0.0)).tolist()
+    cell = lab.open()
+    return RobotWorld(cell, Staring(), PlanarKinematics(), make_action_space("continuous"), host_clock=time.monotonic)
+
+
+def test_the_loop_moves_a_real_cell(lab, world):
+    world.observe()
+    world.act(np.array([0.3, 0.1, 0.0, 1.0]))
+    _, state = world.observe()
+    np.testing.assert_allclose(state.gripper_pose, [-0.17, 0.01, 0.0], atol=1e-6)
+    assert state.gripper_closed and lab.gripper.variables["POS"] == 255
+    assert 0.0 < world.latencies[0].view_age_s < 0.6 and world.fault is None
+
+
+def test_a_protective_stop_in_motion_stops_the_loop(lab, world):
+    world.observe()
+    timer = threading.Timer(0.2, lambda: setattr(lab.controller, "safety_mode", 3))
+    timer.start()
+    with pytest.raises(CellFault, match="protective stop"):
+        world.act(np.array([0.8, 0.0, 0.0, -1.0]))
+    timer.join()
+    number = len(lab.controller.targets)
+    time.sleep(0.1)
+    assert len(lab.controller.targets) == number and "stopJ" in lab.controller.calls
+    with pytest.raises(CellFault, match="stopped before"):
+        world.observe()
