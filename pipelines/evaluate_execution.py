@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pipelines.config import EvaluateExecutionConfig
     from pipelines.workflow.tracking import Run
     from visualrhp.evaluation.episodes import Setting
+    from visualrhp.types import Outcome
 
 _log = logging.getLogger(__name__)
 
@@ -117,13 +118,16 @@ def evaluate(config: EvaluateExecutionConfig, work: Path, run: Run) -> Path:
 def run_unit(unit: Unit) -> tuple[str, dict[str, Any]]:
     """Run one episode; return its key, and its columns of both tables."""
     from pipelines.robot_episode import run_robot
-    from visualrhp.errors import CellFault, PerceptionError
+    from visualrhp.errors import CellFault, PerceptionError, SimulationError
     from visualrhp.evaluation.episodes import episode_row
+    from visualrhp.types import Outcome
 
     try:
         done = run_robot(unit.config, unit.index)
     except (CellFault, PerceptionError) as error:
-        return unit.key, stopped_at_once(unit, str(error))
+        return unit.key, ended_at_once(unit, Outcome.STOPPED, str(error))
+    except SimulationError as error:
+        return unit.key, ended_at_once(unit, Outcome.DIVERGED, str(error))
     result, truth = done.result, done.true_end
     assert truth is not None  # of a simulated cell
     execution = {
@@ -142,22 +146,21 @@ def run_unit(unit: Unit) -> tuple[str, dict[str, Any]]:
     return unit.key, {"episode": episode_row(result), "execution": execution}
 
 
-def stopped_at_once(unit: Unit, fault: str) -> dict[str, Any]:
+def ended_at_once(unit: Unit, outcome: Outcome, fault: str) -> dict[str, Any]:
     """The rows of an episode whose first look failed: no action."""
     from visualrhp.embodiment.simulated_cell.sampling import sample_cell
     from visualrhp.evaluation.episodes import RESULT_COLUMNS
     from visualrhp.streams import Split
-    from visualrhp.types import Outcome
 
     config = unit.config
     assert config.cell.name == "simulated"
     num_objects = len(sample_cell(config.cell, config.seed, Split.EVALUATION, unit.index).objects)
     zeros = {"integer": 0, "number": 0.0, "boolean": False}
     row = {name: zeros.get(column.kind) for name, column in RESULT_COLUMNS.items()}
-    row |= {"num_objects": num_objects, "outcome": Outcome.STOPPED.value, "action_efficiency": float("nan")}
+    row |= {"num_objects": num_objects, "outcome": outcome.value, "action_efficiency": float("nan")}
     execution = {
         "num_objects": num_objects,
-        "outcome": Outcome.STOPPED.value,
+        "outcome": outcome.value,
         "num_actions": 0,
         "true_success": False,
         "num_fallen": 0,

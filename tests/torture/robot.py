@@ -106,14 +106,17 @@ class MujocoCase:
         """Hands are not simulated."""
 
 
-def run_case(seed: int, kind: str | None = None, mujoco: bool = False) -> tuple[Fault, MonitoredCell, Any]:
+def run_case(
+    seed: int, kind: str | None = None, *, start_s: float | None = None, mujoco: bool = False
+) -> tuple[Fault, MonitoredCell, Any]:
     """Run an episode with a fault; return the fault, what is true, and the result or the error."""
     rng = np.random.default_rng(seed)
     kind = kind or KINDS[seed % len(KINDS)]
     duration = float(rng.choice([0.3, 1.5, 1e9]))
     case = MujocoCase(seed) if mujoco else PlanarCase(seed)
     true = MonitoredCell(case.cell, case.truth)
-    fault = Fault(kind, true.now() + rng.uniform(0.0, _LATEST_S), duration)
+    drawn_start_s = float(rng.uniform(0.0, _LATEST_S))
+    fault = Fault(kind, true.now() + (drawn_start_s if start_s is None else start_s), duration)
     true.fault = fault
     told = FaultyCell(true, fault, seed)
     space = make_action_space("continuous")

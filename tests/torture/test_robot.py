@@ -9,9 +9,8 @@ from visualrhp.embodiment.watchdog import WatchdogLimits
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_ends_in_a_named_state_without_a_blind_motion(kind):
-    for seed in (5, 6):
-        _, true, _ = robot.run_case(seed, kind)
-        assert true.blind == []
+    fault, true, _ = robot.run_case(5, kind, start_s=2.0)
+    assert true.blind == [] and true.num_motions > 0 and (fault.num_shown or kind in ("flicker", "gripper stuck"))
 
 
 def test_the_harness_sees_a_robot_that_acts_on_old_views(monkeypatch):
@@ -19,5 +18,5 @@ def test_the_harness_sees_a_robot_that_acts_on_old_views(monkeypatch):
     careless = WatchdogLimits(max_view_age_s=1e9, max_drift=1e9)
     world = robot.RobotWorld
     monkeypatch.setattr(robot, "RobotWorld", lambda *args, **options: world(*args, watchdog=careless, **options))
-    blind = [reason for seed in range(4) for reason in robot.run_case(seed, "slow")[1].blind]
+    blind = [reason for seed in range(3) for reason in robot.run_case(seed, "slow")[1].blind]
     assert any("old" in reason for reason in blind)
