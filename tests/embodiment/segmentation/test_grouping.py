@@ -70,6 +70,14 @@ def test_an_object_in_two_parts_is_one() -> None:
     assert instance.mask[: 4 * 28].any() and instance.mask[4 * 32 :].any()
 
 
+def test_several_peaks_of_a_long_object_are_one() -> None:
+    probabilities, centres, offsets = maps([(30.0, 30.0, 9.0, 3)])
+    for x in (22, 38):
+        centres[30, x] = 0.8
+    (instance,) = group(probabilities, centres, offsets, 4 * SIDE)
+    assert overlap(instance.mask, disc(30.0, 30.0, 9.0)) > 0.96
+
+
 def test_nothing_is_found_in_nothing() -> None:
     assert group(*maps([]), 4 * SIDE) == []
     probabilities, centres, offsets = maps([(20.0, 20.0, 6.0, 4)])

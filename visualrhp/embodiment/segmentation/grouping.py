@@ -25,6 +25,8 @@ class GroupingConfig:
     Attributes:
         least_peak: value of the map of centres from which a peak is a centre.
         peak_distance: side of the window in which a peak is highest [cells].
+        merge_distance: distance between the centres that the cells of two peaks vote for, below which they are one
+            object [cells].
         most_distance: largest distance from the centre that a cell votes for to the centre that it is given to [cells].
         least_area: area below which an object is too small to be one [cells].
         least_score: score below which an object is dropped.
@@ -32,6 +34,7 @@ class GroupingConfig:
 
     least_peak: Fraction = 0.25
     peak_distance: int = Field(default=7, ge=3, le=31)
+    merge_distance: Positive = 4.0
     most_distance: Positive = 8.0
     least_area: NonNegative = 6.0
     least_score: Fraction = 0.3
@@ -83,6 +86,7 @@ def group(
     distances = np.linalg.norm(votes[:, None] - peaks[None], axis=2)
     owner = distances.argmin(axis=1)
     owner[distances.min(axis=1) > config.most_distance] = -1
+    owner = _merged(owner, votes, len(peaks), config.merge_distance)
     surface = _enlarged(covered, size)
     best = np.zeros((size, size), np.float32)
     label = np.full((size, size), -1, np.int64)
@@ -108,6 +112,25 @@ def group(
     is_object = surface > _COVERED
     instances = [Instance(index, is_object & (label == number), score) for number, (index, score) in enumerate(found)]
     return [instance for instance in instances if instance.mask.any()]
+
+
+def _merged(owner: npt.NDArray[np.int64], votes: _Floats, num_peaks: int, distance: float) -> npt.NDArray[np.int64]:
+    """``owner`` without those whose cells vote, in the median, for the same centre as those of a higher peak.
+
+    A long object may have several peaks along its axis, but its cells vote for one centre.
+    """
+    centre_of: dict[int, _Floats] = {}
+    for number in range(num_peaks):
+        mine = owner == number
+        if not mine.any():
+            continue
+        centre = np.median(votes[mine], axis=0)
+        same = [other for other, found in centre_of.items() if np.hypot(*(found - centre)) < distance]
+        if same:
+            owner = np.where(mine, same[0], owner)
+        else:
+            centre_of[number] = centre
+    return owner
 
 
 def _enlarged(cells: _Floats, size: int) -> npt.NDArray[np.float32]:
