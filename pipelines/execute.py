@@ -1,10 +1,10 @@
 """Run a robot: perceive, decide, execute, again: ``python -m pipelines.execute``.
 
-One episode in a simulated cell (``index``), or with ``cell=ur_rtde`` in a real one, until the camera sees the goal
-reached, a drop, or 49 actions; or until a fault stops the robot, which the outcome names. The artefact is two files in
-one folder, as of :mod:`pipelines.play`:
+One episode in a simulated cell (``index``, or a named ``scenario``), or with ``cell=ur_rtde`` in a real one, until the
+camera sees the goal reached, a drop, or 49 actions; or until a fault stops the robot, which the outcome names. The
+artefact is two files in one folder, as of :mod:`pipelines.play`:
 
-- ``*.webm``: the video, of what the robot saw and the roll-outs that it compared;
+- ``*.webm``: the video, of what the camera saw, the roll-outs that were compared, and the cell from the side;
 - ``*.json``: the card: configuration, outcome, every decision, and the latency of every part.
 
 ``dry_run=true`` computes, checks and shows every motion, and commands none. Not a DVC stage.
@@ -16,8 +16,6 @@ import functools
 import logging
 import os
 import re
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,8 +24,6 @@ from pipelines.workflow.app import app
 if TYPE_CHECKING:
     from pipelines.config import ExecuteConfig
     from pipelines.robot_episode import RobotEpisode
-    from visualrhp.execution import EpisodeResult
-    from visualrhp.rendering.video import Frame
 
 STAGE = "execute"
 
@@ -51,12 +47,12 @@ def main(config: ExecuteConfig) -> None:
     check = functools.partial(check_files, config.paths.artefact, names, STAGE)
     inputs = {"artefact": os.path.abspath(config.paths.artefact)}
     with open_work(config, STAGE, inputs, check) as work, open_run(config, STAGE, stem, work) as run:
-        episode = run_robot(config, config.index, dry_run=config.dry_run)
+        episode = run_robot(config, config.index, dry_run=config.dry_run, video=config.video)
         result = episode.result
         for number, motion in enumerate(episode.motions):
             print(f"{number:2d}  {motion.describe()}")
         _log.info("%s", description(config, episode))
-        write_video(work / names[0], film(config, result), config.video.fps)
+        write_video(work / names[0], episode.frames, config.video.fps)
         content = {
             "video": names[0],
             "truth": episode.true_end,
@@ -72,45 +68,10 @@ def main(config: ExecuteConfig) -> None:
         _log.info("%s", Path(config.paths.artefact) / names[0])
 
 
-def film(config: ExecuteConfig, result: EpisodeResult) -> Iterator[Frame]:
-    """Frames of what the robot saw; only of the last scene, if the number of objects in it changed."""
-    from visualrhp.evaluation.films import film_episode
-    from visualrhp.simulation import MAX_EPISODE_ACTIONS
-
-    video, states = config.video, result.episode.states
-    first = next(k for k in range(len(states)) if all(s.num_objects == result.num_objects for s in states[k:]))
-    if first:
-        episode = replace(
-            result.episode,
-            states=states[first:],
-            actions=result.episode.actions[first:],
-            rewards=result.episode.rewards[first:],
-        )
-        result = replace(result, episode=episode, decisions=result.decisions[first:])
-    has_rollouts = video.imagined_s > 0.0 and config.planner.algorithm != "greedy"
-    return film_episode(
-        result,
-        title=title_of(config),
-        max_steps=MAX_EPISODE_ACTIONS,
-        size_px=video.size_px,
-        frames_per_action=max(1, round(video.fps * video.action_s)),
-        imagined_frames=max(1, round(video.fps * video.imagined_s)) if has_rollouts else 0,
-        hold=round(video.fps * video.hold_s),
-        show_observation=video.label_image == "panel",
-        show_inset=video.label_image == "inset",
-    )
-
-
-def title_of(config: ExecuteConfig) -> str:
-    """The name of the planner as in the paper, and what finds the objects."""
-    from visualrhp.evaluation.methods import Method
-
-    title = f"{Method.of(config.planner).label}, {config.segmenter.name.replace('_', ' ')}"
-    return f"{title}, dry run" if config.dry_run else title
-
-
 def description(config: ExecuteConfig, episode: RobotEpisode) -> str:
     """The end of an episode, and its latencies, in a sentence each."""
+    from pipelines.robot_episode import title_of
+
     result, latency, truth = episode.result, episode.latency_summary, episode.true_end
     text = f"{title_of(config)}: {result.outcome} after {len(result.episode)} actions"
     if result.fault is not None:
@@ -128,10 +89,12 @@ def description(config: ExecuteConfig, episode: RobotEpisode) -> str:
 
 def file_stem(config: ExecuteConfig) -> str:
     """Name of the files without suffix: ``visualrhp-plus-3x3-network_continuous_simulated_seed0_index3_9f2c41d0``."""
+    from pipelines.robot_episode import title_of
     from pipelines.workflow.artefacts import content_hash, result_config
     from pipelines.workflow.names import MAX_LENGTH
 
-    parts = [title_of(config), config.action_space.name, config.cell.name, f"seed{config.seed}", f"index{config.index}"]
+    task = [f"seed{config.seed}", f"index{config.index}"] if config.scenario is None else [config.scenario]
+    parts = [title_of(config), config.action_space.name, config.cell.name, *task]
     text = "_".join(re.sub(r"[^a-z0-9_.-]+", "-", part.lower().replace("+", "-plus")).strip("-.") for part in parts)
     return f"{text[:MAX_LENGTH]}_{content_hash(result_config(config))[:8]}"
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from pipelines.config import RobotConfig
+    from pipelines.config import ExecutionVideoConfig, RobotConfig
     from pipelines.robots import Robot
-    from visualrhp.embodiment.dry_run import PlannedMotion
-    from visualrhp.execution import EpisodeListener, EpisodeResult
+    from visualrhp.embodiment.dry_run import DryRunWorld, PlannedMotion
+    from visualrhp.embodiment.film import FilmedCell, FilmRecorder
+    from visualrhp.embodiment.looking import SeenScene
+    from visualrhp.embodiment.robot_world import RobotWorld
+    from visualrhp.execution import EpisodeResult
+    from visualrhp.rendering.video import Frame
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class RobotEpisode:
         motions: of a dry run.
         wall_time_s: of the episode.
         cell_time_s: the same on the clock of the cell.
+        frames: of the video, if one was asked for.
     """
 
     result: EpisodeResult
@@ -34,6 +39,7 @@ class RobotEpisode:
     motions: tuple[PlannedMotion, ...]
     wall_time_s: float
     cell_time_s: float
+    frames: tuple[Frame, ...] = ()
 
     @property
     def latency_summary(self) -> dict[str, float]:
@@ -56,9 +62,15 @@ class RobotEpisode:
 
 
 def run_robot(
-    config: RobotConfig, index: int, *, dry_run: bool = False, listener: EpisodeListener | None = None
+    config: RobotConfig, index: int, *, dry_run: bool = False, video: ExecutionVideoConfig | None = None
 ) -> RobotEpisode:
-    """Run the planner of ``config`` in its cell; a simulated one is that of task ``index``. The robot ends at rest.
+    """Run the planner of ``config`` in its cell; the robot ends at rest.
+
+    Args:
+        config: of the robot.
+        index: of the task of a simulated cell.
+        dry_run: whether nothing is commanded.
+        video: makes the frames of a video; None for none.
 
     Raises:
         ConfigError, CheckpointError, DataError: the cell, its perception or the planner cannot be made.
@@ -66,15 +78,15 @@ def run_robot(
     """
     from pipelines.robots import open_robot
 
-    robot = open_robot(config, index, read_only=dry_run)
+    robot = open_robot(config, index, read_only=dry_run, render=video is not None)
     try:
-        return _run(config, index, robot, dry_run, listener)
+        return _run(config, index, robot, dry_run, video)
     finally:
         robot.cell.close()
 
 
 def _run(
-    config: RobotConfig, index: int, robot: Robot, dry_run: bool, listener: EpisodeListener | None
+    config: RobotConfig, index: int, robot: Robot, dry_run: bool, video: ExecutionVideoConfig | None
 ) -> RobotEpisode:
     from pipelines.planners import build_planner, find_network, released_where_untrained
     from pipelines.robots import make_dry_run, make_model, make_world
@@ -85,6 +97,9 @@ def _run(
     from visualrhp.streams import Split, Stream, generator_for
 
     space = make_action_space(config.action_space.name)
+    filmed = None if video is None else _filmed(robot, video.fps)
+    if filmed is not None:
+        robot = replace(robot, cell=filmed)
     world = make_dry_run(config, robot, space) if dry_run else make_world(config, robot, space)
     begun, cell_begun = time.perf_counter(), robot.cell.now()
     model = make_model(config, robot, world, space)
@@ -95,10 +110,13 @@ def _run(
     if not isinstance(world, DryRunWorld):
         planner = GuardedPlanner(planner, world.stop)
     rng = generator_for(config.seed, Split.EVALUATION, index, Stream.PLANNER)
-    result = run_episode(planner, world, model, rng, listener)
+    recorder = None if video is None or filmed is None else _recorder(config, robot, filmed, world, video)
+    result = run_episode(planner, world, model, rng, recorder)
     actions = [asdict(latency) for latency in world.latencies]
     for step, timed in zip(actions, result.decisions, strict=False):
         step["decision_s"] = timed.time_s
+    if recorder is not None:
+        recorder.end(result.outcome)
     return RobotEpisode(
         result,
         actions,
@@ -106,4 +124,51 @@ def _run(
         tuple(world.motions) if isinstance(world, DryRunWorld) else (),
         time.perf_counter() - begun,
         robot.cell.now() - cell_begun,
+        () if recorder is None else tuple(recorder.frames),
+    )
+
+
+def title_of(config: RobotConfig) -> str:
+    """The name of the planner as in the paper, and what finds the objects."""
+    from visualrhp.evaluation.methods import Method
+
+    title = f"{Method.of(config.planner).label}, {config.segmenter.name.replace('_', ' ')}"
+    return f"{title}, dry run" if getattr(config, "dry_run", False) else title
+
+
+def _filmed(robot: Robot, fps: float) -> FilmedCell:
+    """The cell of ``robot``, which is filmed."""
+    from visualrhp.embodiment.film import FilmedCell
+
+    simulated = robot.simulated
+    if simulated is None:
+        return FilmedCell(robot.cell, fps)
+    return FilmedCell(robot.cell, fps, simulated.picture, simulated.side_view)
+
+
+def _recorder(
+    config: RobotConfig,
+    robot: Robot,
+    cell: FilmedCell,
+    world: RobotWorld | DryRunWorld,
+    video: ExecutionVideoConfig,
+) -> FilmRecorder:
+    from visualrhp.embodiment.film import FilmRecorder
+    from visualrhp.evaluation.films import imagined_paths
+    from visualrhp.simulation import MAX_EPISODE_ACTIONS
+
+    def view() -> SeenScene:
+        assert world.last_sight is not None  # the episode begins with a look
+        return world.last_sight.view
+
+    return FilmRecorder(
+        cell,
+        view,
+        getattr(robot.perception, "camera", None),
+        title_of(config),
+        MAX_EPISODE_ACTIONS,
+        lambda timed: imagined_paths(timed.decision),
+        size_px=video.size_px,
+        decision_frames=max(1, round(video.fps * video.decision_s)),
+        hold=max(1, round(video.fps * video.hold_s)),
     )

@@ -64,8 +64,14 @@ class Robot:
         return {"success": is_reached, "distance_to_target": distance, "fallen": fallen}
 
 
-def open_robot(config: RobotConfig, index: int, *, read_only: bool = False) -> Robot:
-    """Open the cell of ``config``; a simulated one is that of task ``index``.
+def open_robot(config: RobotConfig, index: int, *, read_only: bool = False, render: bool = False) -> Robot:
+    """Open the cell of ``config``; a simulated one is that of its scenario, or of task ``index``.
+
+    Args:
+        config: of the robot.
+        index: of the task.
+        read_only: whether a real cell takes no commands.
+        render: whether a simulated cell can be rendered even if nothing looks at it.
 
     Raises:
         ConfigError: the robot's packages are not installed, or the desired object is not in the simulated cell.
@@ -73,7 +79,7 @@ def open_robot(config: RobotConfig, index: int, *, read_only: bool = False) -> R
         CellFault: a real cell cannot be reached.
     """
     if config.cell.name == "simulated":
-        return _simulated(config, index)
+        return _simulated(config, index, render)
     from visualrhp.embodiment.camera import Camera
     from visualrhp.embodiment.kinematics import ArmKinematics
     from visualrhp.embodiment.perception import DesiredObject
@@ -95,20 +101,22 @@ def _open_ur_rtde(config: UrRtdeCellConfig, read_only: bool) -> UrRtdeCell:
     return UrRtdeCell(UrRtdeParameters(**parameters_of(config, UrRtdeParameters)), read_only=read_only)
 
 
-def _simulated(config: RobotConfig, index: int) -> Robot:
+def _simulated(config: RobotConfig, index: int, render: bool) -> Robot:
     from visualrhp.embodiment.kinematics import ArmKinematics
     from visualrhp.embodiment.perception import DesiredObject
     from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
     from visualrhp.embodiment.simulated_cell.sampling import sample_cell
+    from visualrhp.embodiment.simulated_cell.scenarios import scenario
     from visualrhp.embodiment.true_state import TruePerception, TrueSegmenter
     from visualrhp.streams import Split
 
     assert config.cell.name == "simulated"
-    task = sample_cell(config.cell, config.seed, Split.EVALUATION, index)
+    name = getattr(config, "scenario", None)
+    task = sample_cell(config.cell, config.seed, Split.EVALUATION, index) if name is None else scenario(name)
     kinematics = ArmKinematics(task.mounting, motion=config.safety.tool)
     has_camera = config.segmenter.name != "true_state"
     network = build_segmenter(config.segmenter) if config.segmenter.name not in ("true_masks", "true_state") else None
-    cell = SimulatedCell(task, render=has_camera)
+    cell = SimulatedCell(task, render=has_camera or render)
     try:
         desired, which = _desired_of(config, cell)
         if not has_camera:

@@ -6,16 +6,17 @@ from typing import Annotated, Literal
 
 from pipelines.config.common import PipelineConfig, Seed
 from pipelines.config.groups import PlannerConfig
-from pipelines.config.stages import PlayVideoConfig, check_name
+from pipelines.config.stages import check_name
 from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.looking import LookLimits
 from visualrhp.embodiment.motion import MotionLimits
 from visualrhp.embodiment.robot_model import Mounting
 from visualrhp.embodiment.simulated_cell.sampling import CellDistribution
+from visualrhp.embodiment.simulated_cell.scenarios import SCENARIOS
 from visualrhp.embodiment.trajectories import MotionParameters
 from visualrhp.embodiment.ur_rtde_cell import UrRtdeParameters
 from visualrhp.embodiment.watchdog import WatchdogLimits
-from visualrhp.parameters import Count, Field, Index, parameters
+from visualrhp.parameters import Count, Field, Index, NonNegative, parameters
 from visualrhp.simulation.physics import Physics
 
 
@@ -116,18 +117,45 @@ class RobotConfig(PipelineConfig):
 
 
 @parameters
+class ExecutionVideoConfig:
+    """Appearance of the video of an episode of a robot (:class:`visualrhp.embodiment.film.FilmRecorder`).
+
+    Attributes:
+        size_px: height and width of each of its pictures.
+        fps: frames per second, of the cell's clock and of the video.
+        decision_s: for which every decision is shown [s].
+        hold_s: for which the end is shown [s].
+    """
+
+    size_px: Annotated[int, Field(ge=64, le=2048)]
+    fps: Annotated[int, Field(ge=1, le=60)]
+    decision_s: NonNegative
+    hold_s: NonNegative
+
+
+@parameters
 class ExecuteConfig(RobotConfig):
     """``python -m pipelines.execute``: one episode of a robot.
 
     Attributes:
         index: of the task of a simulated cell.
+        scenario: a named set-up of the simulated cell instead of a random task
+            (:data:`visualrhp.embodiment.simulated_cell.scenarios.SCENARIOS`); null for none.
         dry_run: whether every motion is computed, checked and shown, and none is commanded.
         video: appearance of the video.
     """
 
     index: Seed
+    scenario: str | None
     dry_run: bool
-    video: PlayVideoConfig
+    video: ExecutionVideoConfig
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.scenario is not None and self.scenario not in SCENARIOS:
+            raise ValueError(f"scenario={self.scenario!r:.60}: choose one of {', '.join(SCENARIOS)}.")
+        if self.scenario is not None and self.cell.name != "simulated":
+            raise ValueError("scenario is for cell=simulated.")
 
 
 @parameters

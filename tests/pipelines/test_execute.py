@@ -30,7 +30,7 @@ SETTINGS = (
     "cell.num_objects=2",
     "cell.varied_look=false",
 )
-VIDEO = ("video.size_px=64", "video.fps=5", "video.action_s=0.2", "video.imagined_s=0.0", "video.hold_s=0.2")
+VIDEO = ("video.size_px=64", "video.fps=2", "video.decision_s=0.5", "video.hold_s=0.5")
 
 
 def configure(*overrides: str) -> ExecuteConfig:
@@ -77,23 +77,21 @@ def test_the_pipeline_writes_a_video_and_a_card(
     card = json.loads((folder / f"{stem}.json").read_text())
     assert card["stage"] == "execute" and card["outcome"] == done.result.outcome.value
     assert card["truth"] == done.true_end and len(card["latencies"]["actions"]) == card["num_actions"] + 1
-    assert next(iter(read_video(folder / f"{stem}.webm"))).shape[1] == 64
+    assert next(iter(read_video(folder / f"{stem}.webm"))).shape[1] == 3 * 64
     dry = configure("index=1", "tracking=none", "dry_run=true")
     pipeline.main.__wrapped__(dry)  # type: ignore[attr-defined]
     assert "joints at the end" in capsys.readouterr().out
     assert pipeline.file_stem(dry) != stem
 
 
-def test_a_film_of_scenes_with_changing_numbers_of_objects_shows_the_last(done: Any) -> None:
-    """Another object was found after the first action: what came before cannot be drawn in the last scene."""
-    from visualrhp.types import State
-
-    states = done.result.episode.states
-    first = states[0]
-    fewer = State.create(first.gripper_pose, first.gripper_opening, False, first.object_poses[:1])
-    changed = replace(done.result, episode=replace(done.result.episode, states=(fewer, *states[1:])))
-    config = configure("index=1")
-    assert len(list(pipeline.film(config, changed))) < len(list(pipeline.film(config, done.result)))
+def test_a_scenario_is_played_and_filmed() -> None:
+    config = configure("scenario=low_clutter")
+    episode = run_robot(config, 0, video=config.video)
+    assert episode.result.num_objects == 3
+    shapes = {frame.shape for frame in episode.frames}
+    assert len(shapes) == 1 and next(iter(shapes))[1] == 3 * 64
+    assert len(episode.frames) > 3 * episode.result.num_actions
+    assert "low_clutter" in pipeline.file_stem(config)
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -130,6 +128,7 @@ def test_an_object_that_is_not_there_is_named() -> None:
         (["desired_which=1"], "desired_which is for a desired kind"),
         (["cell=ur_rtde"], "desired is missing"),
         (["cell=ur_rtde", "desired=cup"], "segmenter=true_state is of simulated cells only"),
+        (["scenario=fig11"], "scenario='fig11': choose one of low_clutter"),
         (["safety.watchdog.max_view_age_s=0"], "safety.watchdog.max_view_age_s"),
     ],
 )

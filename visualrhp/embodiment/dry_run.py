@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, StepLatency
+from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, Sight, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory
 from visualrhp.embodiment.robot_cell import ArmLimits, ArmState, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
@@ -68,6 +68,7 @@ class DryRunWorld(World):
     Attributes:
         motions: those that were checked.
         latencies: as of RobotWorld; of the first look only.
+        last_sight: the only view.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class DryRunWorld(World):
     ) -> None:
         self.motions: list[PlannedMotion] = []
         self.latencies = [StepLatency()]
+        self.last_sight: Sight | None = None
         self._read_only = ReadOnlyCell(cell)
         self._cell = WatchedCell(self._read_only, CELL_GRIPPER.stroke, watchdog, arm_limits)
         self._looker = Looker(self._cell, perception, look, robot_mask)
@@ -96,7 +98,7 @@ class DryRunWorld(World):
 
     def observe(self) -> tuple[Scene, State]:
         if self._seen is None:
-            sight = self._looker.look(None, False, self.latencies[0])
+            sight = self.last_sight = self._looker.look(None, False, self.latencies[0])
             self._seen, self._joints = (sight.view.scene, sight.view.state), sight.arm.positions
         return self._seen
 

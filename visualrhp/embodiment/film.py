@@ -147,6 +147,7 @@ class FilmRecorder(EpisodeListener):
         self._states: list[State] = []
         self._frames: list[Frame] = []
         self._num_shown = 0
+        self._has_ended = False
 
     def observed(self, state: State, outcome: Outcome | None) -> None:
         planned = self._planned(())
@@ -162,7 +163,9 @@ class FilmRecorder(EpisodeListener):
         self._frames += [picture] * self._decision_frames
 
     def end(self, outcome: Outcome) -> None:
-        """Show the end of an episode that ended without another observation, such as by a fault."""
+        """Show the end of the episode, if no observed state was the last: it was stopped by a fault, for instance."""
+        if self._has_ended:
+            return
         self._show_motion(self._planned(()))
         self._end(outcome)
 
@@ -172,6 +175,7 @@ class FilmRecorder(EpisodeListener):
         return iter(self._frames)
 
     def _end(self, outcome: Outcome) -> None:
+        self._has_ended = True
         picture = self._compose(self._cell.take_picture(), self._planned(()), marked=True, outcome=outcome)
         self._num_shown = len(self._cell.snapshots)
         self._frames += [picture] * self._hold
