@@ -52,6 +52,7 @@ def train(config: TrainSegmenterConfig, content_hash: str, work: Path, run: Run)
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.workspace import empty_folder
     from visualrhp.embodiment.segmentation.export import export_onnx
+    from visualrhp.embodiment.segmentation.frame_set import file_hash
     from visualrhp.files import atomic_path, write_json
 
     learner = make_training(config, content_hash)
@@ -70,8 +71,10 @@ def train(config: TrainSegmenterConfig, content_hash: str, work: Path, run: Run)
         table.to_csv(path, index=False, float_format="%.5g")
     metrics = {name: float(value) for name, value in table.iloc[-1].items()}
     write_json(folder / "metrics.json", metrics)
-    export_onnx(learner.network, folder / "segmenter.onnx")
-    write_json(folder / "segmenter.json", card(config, STAGE, metrics=metrics, frames=content_hash))
+    network = folder / "segmenter.onnx"
+    export_onnx(learner.network, network)
+    about = card(config, STAGE, metrics=metrics, frames=content_hash, sha256=file_hash(network))
+    write_json(folder / "segmenter.json", about)
     for path in sorted(folder.iterdir()):
         run.log_artifact(path)
     return folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from tests.embodiment.segmentation.painter import painted_image
 from visualrhp.embodiment.segmentation.configs import NetworkConfig
 from visualrhp.embodiment.segmentation.export import export_onnx
+from visualrhp.embodiment.segmentation.frame_set import file_hash
 from visualrhp.embodiment.segmentation.frames import Region, network_input
 from visualrhp.embodiment.segmentation.network import OFFSET_UNIT, SegmentationNetwork
 from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
@@ -62,6 +64,16 @@ def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
     file.write_bytes(content)
     with pytest.raises(CheckpointError, match=r"segmenter\.onnx.*train_segmenter"):
         OnnxSegmenter(file)
+
+
+def test_a_file_that_is_not_that_of_its_card_is_refused(path: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "segmenter.onnx"
+    copy.write_bytes(path.read_bytes())
+    copy.with_suffix(".json").write_text(json.dumps({"sha256": file_hash(copy)}))
+    OnnxSegmenter(copy)
+    copy.with_suffix(".json").write_text(json.dumps({"sha256": "0"}))
+    with pytest.raises(CheckpointError, match=r"checksum is not that on its card"):
+        OnnxSegmenter(copy)
 
 
 def test_another_network_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from visualrhp.documents import FileKind
+from visualrhp.documents import FileKind, document
 from visualrhp.embodiment.packages import robot_package
 from visualrhp.embodiment.segmentation.classes import NUM_CLASSES, object_of
 from visualrhp.embodiment.segmentation.detection import Detection
@@ -33,8 +34,17 @@ def released_segmenter_path() -> Path:
     return Path(__file__).parents[2] / "pretrained" / "segmenter" / "segmenter.onnx"
 
 
+@document
+class _Card:
+    """What is read of the card of a network. Attributes: ``sha256``, of its file."""
+
+    sha256: str
+
+
 class OnnxSegmenter:
     """Finds objects with our network.
+
+    If a card lies beside the file, a JSON document of the same name, the file's checksum is verified.
 
     Args:
         path: its file; None for the released one.
@@ -56,14 +66,16 @@ class OnnxSegmenter:
     ) -> None:
         path = released_segmenter_path() if path is None else Path(path)
         NETWORK.require(path)
+        content = path.read_bytes()
+        card = path.with_suffix(".json")
+        if card.is_file() and NETWORK.read(card, _Card).sha256 != hashlib.sha256(content).hexdigest():
+            raise NETWORK.damaged(path, f"its checksum is not that on its card, {card.name}")
         runtime = robot_package("onnxruntime")
         options = runtime.SessionOptions()
         options.intra_op_num_threads = num_threads
         options.log_severity_level = 3
         try:
-            self._session: Any = runtime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
+            self._session: Any = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # of ONNX Runtime, whose errors have no common class
             raise NETWORK.damaged(path, f"ONNX Runtime cannot read it ({error})") from error
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
