@@ -29,6 +29,7 @@ from visualrhp.types import Outcome, State
 MUJOCO_EVERY = 50
 _LATEST_S = 8.0
 _MOST_ACTIONS = 12
+_BRAKING_S = 0.5  # for a stop in motion, after a fault that leaves the loop unable to see the rest
 _MOST_EXAMPLES = 10
 _FAR = 1_000_000
 
@@ -135,6 +136,7 @@ def run_case(
             raise RuntimeError(f"the robot was not stopped: {world.fault}")
     elif fault.must_stop:
         raise RuntimeError(f"the episode went on to {result.outcome!r} after '{fault.kind}'")
+    case.cell.wait(_BRAKING_S)
     before = case.cell.arm().positions
     case.cell.wait(0.1)
     if np.abs(case.cell.arm().positions - before).max() > 2e-3 and kind != "drifting":
