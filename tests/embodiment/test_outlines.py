@@ -117,6 +117,21 @@ def test_where_something_hides_the_object_its_border_is_not_seen(name: str) -> N
     assert found.hidden.contains(shapely.Point(0.05, 0.05))
 
 
+def test_an_object_in_two_pieces_is_one() -> None:
+    body = lying_bottle().at(0.02, 0.05)
+    arm = np.zeros((CAMERA.height, CAMERA.width), dtype=bool)
+    column = int(CAMERA.project([[0.0, 0.05, 0.03]])[0, 0])
+    arm[:, column - 20 : column + 20] = True
+    found = silhouette(CAMERA, detection(CAMERA, body, arm), HiddenRegion(CAMERA, arm))
+    assert found is not None
+    assert overlap(found.polygon, body.outline) > 0.85
+    seen = found.points[found.is_seen]
+    assert len(seen) > 20 and not ((seen[:, 0] > -0.012) & (seen[:, 0] < 0.012)).any()
+    # Without anything between them, the smaller piece is an error of the mask.
+    alone = silhouette(CAMERA, detection(CAMERA, body, arm))
+    assert alone is not None and alone.area < 0.7 * found.area
+
+
 def test_planner_outlines_are_small_convex_and_of_the_same_area() -> None:
     blob = shapely.Polygon(0.04 * CIRCLE)
     outline = planner_outline(blob)

@@ -50,39 +50,49 @@ _SOFTENING: Final = 1.0  # standard deviation [px]
 _MARGIN: Final = 4
 _LEAST_CONTOUR: Final = 8
 _MOST_POINTS: Final = 120
+_SMALL_PIECE: Final = 0.1  # of the area of the largest one
+_SPACING: Final = 2e-3  # [m] of points on an edge between two pieces
 _CLOSE: Final = 3e-3  # [m] from a doubtful point
 
 
-def mask_contour(mask: Mask) -> FloatArray:
-    """The border of the largest piece of a mask, with a precision below a pixel.
+def mask_contours(mask: Mask) -> list[FloatArray]:
+    """The borders of the pieces of a mask, with a precision below a pixel.
 
-    The mask is softened, and the points of its contour are moved to where it is one half.
+    The mask is softened, and the points of its contours are moved to where it is one half.
 
     Args:
         mask: [H, W].
 
     Returns:
-        [N, 2] pixels (column, row); [0, 2] if the mask is empty.
+        Of each piece [N, 2] pixels (column, row), the largest first; those much smaller than it are left out.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
-        return np.zeros((0, 2))
+        return []
     top, left = int(rows[0]), int(columns[0])
     crop = mask[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.float32)
     soft = cv2.GaussianBlur(np.pad(crop, _MARGIN), (0, 0), _SOFTENING)
     found = cv2.findContours((soft > 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    if not len(found):  # a few separate pixels
-        return np.zeros((0, 2))
-    points = max(found, key=cv2.contourArea)[:, 0]
+    areas = [cv2.contourArea(contour) for contour in found]
     slope_x = 0.5 * (np.roll(soft, -1, axis=1) - np.roll(soft, 1, axis=1))
     slope_y = 0.5 * (np.roll(soft, -1, axis=0) - np.roll(soft, 1, axis=0))
-    column, row = points.T
-    slope = np.stack([slope_x[row, column], slope_y[row, column]], axis=1)
-    steepness = np.maximum((slope**2).sum(axis=1), 1e-3)
-    step = ((0.5 - soft[row, column]) / steepness)[:, None] * slope
-    length = np.hypot(*step.T)[:, None]
-    step *= np.minimum(1.0, 1.0 / np.maximum(length, 1e-9))  # at most a pixel
-    return points + step + (left - _MARGIN, top - _MARGIN)
+    contours = []
+    for number in np.argsort(areas)[::-1]:
+        points = found[int(number)][:, 0]
+        if len(points) < _LEAST_CONTOUR or areas[int(number)] < _SMALL_PIECE * max(areas):
+            break
+        column, row = points.T
+        slope = np.stack([slope_x[row, column], slope_y[row, column]], axis=1)
+        steepness = np.maximum((slope**2).sum(axis=1), 1e-3)
+        step = ((0.5 - soft[row, column]) / steepness)[:, None] * slope
+        step *= np.minimum(1.0, 1.0 / np.maximum(np.hypot(*step.T)[:, None], 1e-9))  # at most a pixel
+        contours.append(points + step + (left - _MARGIN, top - _MARGIN))
+    return contours
+
+
+def mask_contour(mask: Mask) -> FloatArray:
+    """[N, 2] the border of the largest piece of a mask, see :func:`mask_contours`; [0, 2] if it is empty."""
+    return next(iter(mask_contours(mask)), np.zeros((0, 2)))
 
 
 @dataclass(frozen=True)
@@ -130,32 +140,37 @@ def silhouette(camera: Camera, detection: Detection, hidden: HiddenRegion | None
         detection: with a mask of the size of the camera's image.
         hidden: what is behind the arm and other objects; None for nothing.
     """
-    pixels = mask_contour(detection.mask)
-    if len(pixels) < _LEAST_CONTOUR:
+    hidden = hidden or HiddenRegion(camera, np.zeros((0, 0), dtype=bool))
+    pieces = mask_contours(detection.mask)
+    if not pieces:
         return None
-    pixels = pixels[:: max(1, len(pixels) // _MOST_POINTS)]
+    if len(pieces) > 1 and not all(hidden.contains(piece).any() for piece in pieces):
+        pieces = pieces[:1]  # nothing hides what would join them
+    pixels = np.concatenate([piece[:: max(1, len(piece) // _MOST_POINTS)] for piece in pieces])
     seen = camera.back_project(pixels)
     if not np.isfinite(seen).all():
         return None
-    on_table = largest_piece(shapely.Polygon(seen))
+    is_split = len(pieces) > 1
+    on_table = _enclosed(seen, is_split)
     if on_table.area < MIN_AREA:
         return None
-    hidden = hidden or HiddenRegion(camera, np.zeros((0, 0), dtype=bool))
     doubtful = hidden.contains(pixels)
     low, high = section_heights(camera, detection, on_table)
-    if low == high:
-        points = _at_height(camera, seen, low)
-        if _is_round(detection):
-            points = _unstretched(camera, points, low)
-        is_seen = ~doubtful
+    if low == high and not is_split:
+        points, is_seen = _at_height(camera, seen, low), ~doubtful
     else:
-        points = _intersection(camera, seen, low, high)
+        points = _intersection(camera, seen, low, high, is_split)
         if points is None:
             return None
         is_seen = np.ones(len(points), dtype=bool)
         if doubtful.any():
             places = np.concatenate([_at_height(camera, seen[doubtful], height) for height in (low, high)])
             is_seen = KDTree(places).query(points)[0] > _CLOSE
+        if is_split and not doubtful.all():  # no point of an edge between two pieces is seen
+            places = np.concatenate([_at_height(camera, seen[~doubtful], height) for height in (low, high)])
+            is_seen &= KDTree(places).query(points)[0] < _CLOSE
+    if _is_round(detection):
+        points = _unstretched(camera, points, low)
     if geometry.signed_area(points) < 0.0:
         points, is_seen = points[::-1], is_seen[::-1]
     share = 1.0 - float(doubtful.mean())
@@ -222,10 +237,20 @@ def _at_height(camera: Camera, on_table: FloatArray, height: float) -> FloatArra
     return camera.nadir + shrink * (on_table - camera.nadir)
 
 
-def _intersection(camera: Camera, on_table: FloatArray, low: float, high: float) -> FloatArray | None:
+def _enclosed(points: FloatArray, is_split: bool) -> shapely.Polygon:
+    """What a border encloses; the convex hull of one that is split, since what hides the middle hides no notch."""
+    if is_split:
+        hull = shapely.MultiPoint(points).convex_hull
+        return hull if isinstance(hull, shapely.Polygon) else shapely.Polygon()
+    return largest_piece(shapely.Polygon(points))
+
+
+def _intersection(camera: Camera, on_table: FloatArray, low: float, high: float, is_split: bool) -> FloatArray | None:
     """[M, 2] border of the silhouette projected to ``low`` and to ``high``."""
-    lower, upper = (largest_piece(shapely.Polygon(_at_height(camera, on_table, height))) for height in (low, high))
+    lower, upper = (_enclosed(_at_height(camera, on_table, height), is_split) for height in (low, high))
     both = largest_piece(shapely.intersection(lower, upper))
+    if is_split:
+        both = shapely.segmentize(both, _SPACING)
     return None if both.is_empty else shapely.get_coordinates(both.exterior)[:-1]
 
 
