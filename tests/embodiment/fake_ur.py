@@ -6,6 +6,7 @@ The gripper is a server on the loopback interface with the text protocol of Robo
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -176,6 +177,8 @@ class FakeGripper:
         return "ack"
 
     def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)  # a thread that waits for a connection keeps the port open
         self._server.close()
 
 
