@@ -50,7 +50,7 @@ _SOFTENING: Final = 1.0  # standard deviation [px]
 _MARGIN: Final = 4
 _LEAST_CONTOUR: Final = 8
 _MOST_POINTS: Final = 120
-_SMALL_PIECE: Final = 0.1  # of the area of the largest one
+_SMALL_PIECE: Final = 0.04  # of the area of the largest one
 _SPACING: Final = 2e-3  # [m] of points on an edge between two pieces
 _CLOSE: Final = 3e-3  # [m] from a doubtful point
 
