@@ -49,7 +49,7 @@ MIN_AREA: Final = 2e-4
 _SOFTENING: Final = 1.0  # standard deviation [px]
 _MARGIN: Final = 4
 _LEAST_CONTOUR: Final = 8
-_MOST_POINTS: Final = 120
+_MOST_POINTS: Final = 110
 _SMALL_PIECE: Final = 0.04  # of the area of the largest one
 _SPACING: Final = 2e-3  # [m] of points on an edge between two pieces
 _CLOSE: Final = 3e-3  # [m] from a doubtful point
@@ -146,7 +146,7 @@ def silhouette(camera: Camera, detection: Detection, hidden: HiddenRegion | None
         return None
     if len(pieces) > 1 and not all(hidden.contains(piece).any() for piece in pieces):
         pieces = pieces[:1]  # nothing hides what would join them
-    pixels = np.concatenate([piece[:: max(1, len(piece) // _MOST_POINTS)] for piece in pieces])
+    pixels = np.concatenate([piece[:: -(-len(piece) // _MOST_POINTS)] for piece in pieces])
     seen = camera.back_project(pixels)
     if not np.isfinite(seen).all():
         return None
