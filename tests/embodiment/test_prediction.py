@@ -1,6 +1,7 @@
 """Objects that the arm hides are where the planner's model expects them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ class Hiding(PlanarPerception):
         super().__init__(cell)
         self.num_looks, self.expected = 0, []
 
-    def perceive(self, frame, arm, gripper, closed):
+    def perceive(self, frame, arm, gripper, closed) -> Any:
         view = super().perceive(frame, arm, gripper, closed)
         self.num_looks += 1
         hidden = self.num_looks > 2
@@ -101,7 +102,7 @@ def test_a_robot_that_hides_what_it_pushes_believes_its_model():
     world = RobotWorld(cell, perception, PlanarKinematics(), space)
     world.imagine = model.advance
     world.observe()
-    moved_by = 0.0
+    moved_by, state = 0.0, TASK.state
     rng = np.random.default_rng(3)
     for _ in range(5):
         towards = TASK.state.object_positions[0] - cell.state.gripper_position

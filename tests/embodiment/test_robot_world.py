@@ -161,7 +161,7 @@ def test_a_scene_that_goes_on_changing_stops_the_robot():
         cell.state = moved(cell.state, 0.05 * (-1) ** len(cell.exposures))
 
     _, result = run(cell, Scripted(FORWARD, before=disturb))
-    assert result.outcome == "stopped" and "changed" in result.fault
+    assert result.outcome == "stopped" and "changed" in str(result.fault)
 
 
 def test_the_arm_must_not_move_without_a_command():

@@ -72,7 +72,7 @@ def test_faults_have_names(server, fault, words):
 
 
 def test_a_gripper_that_is_not_active_is_a_fault(server):
-    assert "not active" in connect(server).state().fault
+    assert "not active" in str(connect(server).state().fault)
 
 
 def test_answers_without_a_line_break_are_read(server):

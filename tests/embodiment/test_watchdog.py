@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ class Altered(PlanarCell):
         super().__init__(pushing_task())
         self.answers = {}
 
-    def _answer(self, name, true):
+    def _answer(self, name, true) -> Any:
         answer = self.answers.get(name)
         if isinstance(answer, Exception):
             raise answer
