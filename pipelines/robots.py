@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from visualrhp.embodiment.segmentation.detection import Segmenter
     from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
     from visualrhp.embodiment.ur_rtde_cell import UrRtdeCell
+    from visualrhp.scene.scene import Scene
     from visualrhp.simulation.action_spaces import ActionSpace
     from visualrhp.types import State
 
@@ -236,12 +237,17 @@ def make_model(
     config: RobotConfig, robot: Robot, world: RobotWorld | DryRunWorld, space: ActionSpace
 ) -> ReachableModel:
     """The planner's model of what ``world`` sees: it plans with what the arm can reach, and follows the scene."""
-    from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.planned_model import ReachableModel
+    from visualrhp.embodiment.robot_world import RobotWorld
 
     scene, _ = world.observe()
     model = ReachableModel(scene, space, robot.kinematics.reach, config.physics)
-    if not isinstance(world, DryRunWorld):
-        world.followers.append(model.follow)
+
+    def follow(scene: Scene) -> None:
+        model.follow(scene, robot.kinematics.turning_range(robot.cell.arm().positions))
+
+    follow(scene)
+    if isinstance(world, RobotWorld):
+        world.followers.append(follow)
         world.imagine = lambda state, action: model.transition_model.advance(state, action)
     return model

@@ -283,6 +283,21 @@ def test_a_wound_up_wrist_is_a_named_error() -> None:
         KINEMATICS.path(joints, turn)
 
 
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_the_turning_range_ends_before_the_wrist_is_wound_up(direction: float) -> None:
+    """Turning as far as it allows, in place or on the way, is possible for the arm."""
+    joints = KINEMATICS.inverse(0.05, 0.0, 0.0, near=HOME)
+    motion = GripperMotion(forward=0.02, rotation=0.6 * direction)
+    turned, room = 0.0, KINEMATICS.turning_range(joints)
+    while KINEMATICS.turning_range(joints).allows(KINEMATICS.forward(joints).theta, motion.rotation):
+        joints = KINEMATICS.path(joints, motion).positions[-1]
+        turned += motion.rotation
+    assert abs(turned) > min(room.clockwise, room.counter_clockwise) - 0.7 > 1.0
+    assert 2.0 * np.pi - abs(joints[5]) < 0.6 + 1.0  # it is nearly wound up
+    back = GripperMotion(rotation=-motion.rotation)
+    assert KINEMATICS.turning_range(joints).allows(KINEMATICS.forward(joints).theta, back.rotation)
+
+
 @pytest.mark.parametrize("joint", range(6))
 def test_a_start_in_another_posture_is_a_named_error(joint: int) -> None:
     start = KINEMATICS.inverse(0.0, 0.0, 1.0, near=HOME) + 0.3 * np.eye(6)[joint]

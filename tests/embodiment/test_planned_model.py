@@ -12,7 +12,7 @@ import pytest
 
 from visualrhp.embodiment import planned_model
 from visualrhp.embodiment.planned_model import ReachableModel
-from visualrhp.embodiment.reach import ReachMap
+from visualrhp.embodiment.reach import ReachMap, TurningRange
 from visualrhp.errors import ActionError, SimulationError
 from visualrhp.planning.planner import PlanningModel
 from visualrhp.scene.noise import perturb
@@ -58,6 +58,21 @@ def test_within_the_reach_it_is_the_transition_model(first: TaskInstance, model:
     assert model.is_goal(state) == TransitionModel(first.scene, DiscreteActionSpace()).is_goal(state)
     assert not model.is_dropped(state)
     assert model.scene is first.scene
+
+
+def test_turning_beyond_the_wrist_is_invalid(first: TaskInstance) -> None:
+    model = ReachableModel(first.scene, ContinuousActionSpace(), REACH)
+    state = moved_gripper(first.state, (0.0, -0.2, 3.0))
+    left, right = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 0.0, -1.0, -1.0])
+    model.follow(first.scene, TurningRange(3.0, clockwise=2.0, counter_clockwise=1.0))
+    after = model.simulate(state, left).next_state  # 50 degrees, past the heading of 180
+    with pytest.raises(SimulationError, match="wrist 3 cannot turn on by 50"):
+        model.simulate(after, left)
+    model.simulate(after, right)
+    with pytest.raises(SimulationError, match="wrist 3"):
+        model.perturbed(0.05, 0.0, np.random.default_rng(0)).simulate(after, left)
+    model.follow(first.scene)
+    model.simulate(after, left)
 
 
 def test_what_the_arm_cannot_do_is_invalid(first: TaskInstance, model: ReachableModel) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from visualrhp.embodiment.packages import robot_package
-from visualrhp.embodiment.reach import ReachMap, displacement_of
+from visualrhp.embodiment.reach import ReachMap, TurningRange, displacement_of
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory
 from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT, Mounting, arm_file, flange_to_gripper
 from visualrhp.embodiment.trajectories import MotionParameters, timed
@@ -31,6 +31,9 @@ STRAIGHT_ELBOW: Final = 0.5
 
 FOLDED_ELBOW: Final = 2.9
 """Largest angle of the elbow [rad]; the folded arm is singular at pi, and collides with itself before."""
+
+TURNING_MARGIN: Final = math.radians(25.0)
+"""By which joint 1 turns the gripper in two or three motions [rad], and so wrist 3 turns back or forth."""
 
 MAX_LEVEL_ERROR: Final = math.radians(4.0)
 """Largest difference [rad] between the joints at the start of a path and those that hold the gripper level at its
@@ -243,6 +246,17 @@ class ArmKinematics:
                 f"range, [{self.limits.lower[joint]:.3f}, {self.limits.upper[joint]:.3f}]"
             )
         return joints + turn * np.clip(np.round((near - joints) / turn), lowest, highest)
+
+    def turning_range(self, joints: npt.ArrayLike) -> TurningRange:
+        """How far the gripper can turn from ``joints`` [6] [rad] before wrist 3 comes to its limit.
+
+        The flange points down, so the heading falls as wrist 3 turns forwards. It also turns with the rest of the arm,
+        for which :data:`TURNING_MARGIN` is left.
+        """
+        heading, wrist = self.forward(joints).theta, float(np.asarray(joints)[5])
+        clockwise = float(self.limits.upper[5]) - wrist - TURNING_MARGIN
+        counter_clockwise = wrist - float(self.limits.lower[5]) - TURNING_MARGIN
+        return TurningRange(heading, clockwise, counter_clockwise)
 
     # Paths
 

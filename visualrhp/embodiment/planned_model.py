@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visualrhp.embodiment.reach import ReachMap
+from visualrhp.embodiment.reach import ReachMap, TurningRange
 from visualrhp.errors import SimulationError
 from visualrhp.scene.noise import perturb
 from visualrhp.scene.scene import Scene
@@ -38,6 +38,7 @@ class ReachableModel:
     ) -> None:
         self.action_space = action_space
         self.reach = reach
+        self._turning: TurningRange | None = None
         self._physics = physics or Physics()
         self._scene = scene
         self._model: TransitionModel | None = None
@@ -47,8 +48,14 @@ class ReachableModel:
         """The scene that is followed."""
         return self._scene
 
-    def follow(self, scene: Scene) -> None:
-        """Simulate ``scene`` from now on. A scene equal to the current one costs nothing."""
+    @property
+    def turning(self) -> TurningRange | None:
+        """How far wrist 3 can turn on from where it is; None without a limit."""
+        return self._turning
+
+    def follow(self, scene: Scene, turning: TurningRange | None = None) -> None:
+        """Simulate ``scene`` from now on, with motions within ``turning``. An equal scene costs nothing."""
+        self._turning = turning
         if scene is not self._scene and scene != self._scene:
             self._scene = scene
             self._model = None
@@ -71,6 +78,8 @@ class ReachableModel:
         motion = self.action_space.motion(action)
         if self.reach is not None and not self.reach.allows(state.gripper_pose, motion):
             raise SimulationError(_unreachable(state, motion))
+        if self.turning is not None and not self.turning.allows(float(state.gripper_pose[2]), motion.rotation):
+            raise SimulationError(f"wrist 3 cannot turn on by {math.degrees(motion.rotation):.1f} degrees")
         return self.transition_model.simulate(state, action)
 
     def is_goal(self, state: State) -> bool:
@@ -105,6 +114,11 @@ class PerturbedReachableModel(ReachableModel):
         self._perturbed_from: Scene | None = None
 
     @property
+    def turning(self) -> TurningRange | None:
+        """As of the nominal model."""
+        return self._nominal.turning
+
+    @property
     def scene(self) -> Scene:
         """The perturbed scene."""
         source = self._nominal.scene
@@ -114,9 +128,9 @@ class PerturbedReachableModel(ReachableModel):
             self._perturbed_from = source
         return self._scene
 
-    def follow(self, scene: Scene) -> None:
+    def follow(self, scene: Scene, turning: TurningRange | None = None) -> None:
         """Let the nominal model follow ``scene``; this one does so, too."""
-        self._nominal.follow(scene)
+        self._nominal.follow(scene, turning)
 
     @property
     def transition_model(self) -> TransitionModel:

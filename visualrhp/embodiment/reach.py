@@ -32,7 +32,7 @@ import numpy.typing as npt
 from visualrhp.embodiment.robot_model import FLANGE_ABOVE, FLANGE_BEHIND, GRIPPER_HEIGHT, Mounting
 from visualrhp.errors import DataError, UnreachableError
 from visualrhp.simulation.action_spaces import GripperMotion
-from visualrhp.types import FloatArray
+from visualrhp.types import FloatArray, wrap_angle
 
 RADIUS_STEP: Final = 0.005
 """Of the map [m]; the first cell begins at the axis of joint 1."""
@@ -58,6 +58,30 @@ _HEADING_STEP: Final = 2.0 * math.pi / NUM_HEADINGS
 def geometry_of(mounting: Mounting) -> FloatArray:
     """[6] what a map was computed for: what else it depends on are the models of the arm and the gripper."""
     return np.array([mounting.height, FLANGE_BEHIND, FLANGE_ABOVE, GRIPPER_HEIGHT, RADIUS_STEP, NUM_HEADINGS])
+
+
+@dataclass(frozen=True, slots=True)
+class TurningRange:
+    """How far the gripper can turn before wrist 3 comes to its limit, which the map does not know.
+
+    A state has no winding: headings are told apart up to half a turn from the present one, which is more than the
+    roll-outs of receding horizon planning turn.
+
+    Attributes:
+        heading: the present one [rad].
+        clockwise: largest turn [rad].
+        counter_clockwise: largest turn [rad].
+    """
+
+    heading: float
+    clockwise: float
+    counter_clockwise: float
+
+    def allows(self, heading: float, rotation: float) -> bool:
+        """Whether the gripper can turn by ``rotation`` from ``heading`` [rad]; back towards the present one always."""
+        turned = float(wrap_angle(heading - self.heading))
+        after = turned + rotation
+        return -self.clockwise <= after <= self.counter_clockwise or abs(after) < abs(turned)
 
 
 @dataclass(frozen=True, eq=False)
