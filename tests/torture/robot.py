@@ -2,7 +2,7 @@
 
 One case is an episode with one fault (kind, begin and duration are random) in a cell on the planar simulator; one in
 :data:`MUJOCO_EVERY` is in the cell in MuJoCo. Counted are the faults that have shown, the blind
-motions (:mod:`tests.torture.robot_faults`) and surprises: an exception, an end without a name, an arm that is not at
+motions (:mod:`tests.torture.robot_monitor`) and surprises: an exception, an end without a name, an arm that is not at
 rest, or a robot that was not stopped.
 """
 
@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from tests.embodiment.planar_cell import PlanarCell, PlanarKinematics, planar_task
-from tests.torture.robot_faults import KINDS, Fault, FaultyCell, FaultyPerception, FaultyPlanner, MonitoredCell
+from tests.torture.robot_faults import KINDS, FaultyCell, FaultyPerception, FaultyPlanner
+from tests.torture.robot_monitor import Fault, MonitoredCell
 from visualrhp.embodiment.guarded_planner import GuardedPlanner
 from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.errors import CellFault, PerceptionError
