@@ -9,10 +9,13 @@ from typing import Annotated, Final
 import numpy as np
 import shapely
 
+from visualrhp.embodiment.arm_silhouette import arm_mask
 from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.kinds import Kind
+from visualrhp.embodiment.kinematics import ArmKinematics
 from visualrhp.embodiment.reach import ReachMap
-from visualrhp.embodiment.robot_model import CELL_GRIPPER, Mounting
+from visualrhp.embodiment.robot_model import CELL_GRIPPER, HOME, Mounting
+from visualrhp.embodiment.segmentation.detection import Mask
 from visualrhp.embodiment.simulated_cell.looks import CellLook, sample_look
 from visualrhp.embodiment.simulated_cell.objects import FRICTION, ROLLING_FRICTION, CellObject, sample_object
 from visualrhp.embodiment.simulated_cell.task import (
@@ -21,6 +24,7 @@ from visualrhp.embodiment.simulated_cell.task import (
     IMAGE_SIZE,
     TABLE_SIDE,
     CellTask,
+    nominal_camera,
 )
 from visualrhp.errors import ConfigError
 from visualrhp.parameters import AsRange, AsTuple, Field, NonNegative, Positive, parameters
@@ -37,8 +41,17 @@ ATTEMPTS: Final = 40
 ARRANGEMENTS: Final = 15
 """Places of the target, the gripper and the objects that are tried for a set of objects."""
 
+MOST_HIDDEN: Final = 0.3
+"""Share of an object, and of the target, that the arm hides at most at the start: the paper assumes full observability
+(Sec. 4), and nobody begins a task before he has seen it."""
+
 MAX_OBJECTS: Final = 10
 """Objects on the table of 50 cm."""
+
+_SEEN_HEIGHT: Final = 0.04  # at which objects are about as wide as seen from above [m]
+_DISC: Final = np.stack(
+    [r * np.array([np.cos(a), np.sin(a)]) for r in (0.3, 0.6, 0.95) for a in np.linspace(0.0, 2.0 * np.pi, 12, False)]
+)
 
 Range = Annotated[tuple[NonNegative, NonNegative], AsRange, AsTuple]
 PositiveRange = Annotated[tuple[Positive, Positive], AsRange, AsTuple]
@@ -118,7 +131,8 @@ def sample_cell(distribution: CellDistribution, seed: int, split: Split, index: 
     """Sample cell ``index``: the same for equal arguments, independent of any other index.
 
     Objects stand and lie apart from each other and from the gripper, which starts near an edge that it can reach, open
-    and heading inwards. The desired object's centre is outside the target region.
+    and heading inwards. The desired object's centre is outside the target region. The arm hides neither the target nor
+    an object from a camera above the table.
 
     Raises:
         ConfigError: no arrangement was found, or the seed or the index is negative.
@@ -185,6 +199,9 @@ def _arrange(
     gripper_pose = _sample_gripper_pose(distribution, edges, rng)
     if not _reach().contains(gripper_pose):
         return None
+    hidden = _hidden(gripper_pose.tolist())
+    if _hidden_share(hidden, target.position + target.radius * _DISC, 0.0) > MOST_HIDDEN:
+        return None
     outlines, centres = zip(*(centred(hull) for hull in hulls), strict=True)
     rules = SceneDistribution(
         clearance=distribution.clearance, layout=distribution.layout, num_objects=(2, MAX_OBJECTS)
@@ -195,11 +212,32 @@ def _arrange(
         return None
     if distribution.layout == "object_behind" and not _is_behind(outlines, placed, gripper_pose):
         return None
+    for outline, pose in zip(outlines, placed, strict=True):
+        if _hidden_share(hidden, geometry.to_world(_within(outline), pose), _SEEN_HEIGHT) > MOST_HIDDEN:
+            return None
     poses = placed.copy()
     for pose, centre in zip(poses, centres, strict=True):  # of the hull in the body frame
         pose[:2] -= geometry.rotation_matrix(float(pose[2])) @ centre
     x, y, theta = gripper_pose.tolist()
     return poses, target, (x, y, theta)
+
+
+def _hidden(gripper_pose: tuple[float, float, float]) -> Mask:
+    """[H, W] pixels of the nominal camera in which the arm is at the start."""
+    joints = _kinematics().inverse(*gripper_pose, near=HOME)
+    return arm_mask(nominal_camera(), joints, CELL_GRIPPER.stroke, Mounting())
+
+
+def _hidden_share(hidden: Mask, points: FloatArray, height: float) -> float:
+    """Share of ``points`` [N, 2] at a height [m] that the arm hides."""
+    pixels = nominal_camera().project(np.concatenate([points, np.full((len(points), 1), height)], axis=1))
+    columns, rows = np.clip(np.round(pixels).astype(int), 0, np.array(hidden.shape[::-1]) - 1).T
+    return float(hidden[rows, columns].mean())
+
+
+def _within(outline: FloatArray) -> FloatArray:
+    """[N, 2] points all over a convex outline [V, 2] that contains the origin."""
+    return np.concatenate([share * outline for share in (0.25, 0.5, 0.75, 1.0)])
 
 
 def _is_behind(outlines: tuple[FloatArray, ...], poses: FloatArray, gripper_pose: FloatArray) -> bool:
@@ -247,6 +285,11 @@ def _sample_camera(distribution: CellDistribution, rng: np.random.Generator) -> 
     c, s = math.cos(roll), math.sin(roll)
     pose[:3, :3] = pose[:3, :3] @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return Camera(level.intrinsics, level.distortion, pose, *IMAGE_SIZE)
+
+
+@functools.cache
+def _kinematics() -> ArmKinematics:
+    return ArmKinematics()
 
 
 @functools.cache
