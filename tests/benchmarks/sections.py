@@ -21,6 +21,7 @@ SECTIONS = (
     "kinematics",
     "training",
     "cell",
+    "perception",
     "command_line",
     "peers",
 )

@@ -75,3 +75,10 @@ def test_the_robot_cell_is_measured() -> None:
     assert answer.returncode == 0, answer.stderr
     for row in ("step of 2 ms, 7 objects", "action, 4 objects", "frame, 1 object", "new cell, 7 objects"):
         assert row in answer.stdout
+
+
+def test_perception_is_measured() -> None:
+    answer = _run("--quick", "perception")
+    assert answer.returncode == 0, answer.stderr
+    for row in ("segmentation, 7 objects", "all but segmentation, 4 objects"):
+        assert row in answer.stdout
