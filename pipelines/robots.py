@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -196,6 +197,7 @@ def build_segmenter(config: SegmenterConfig) -> Segmenter:
 def make_world(config: RobotConfig, robot: Robot, space: ActionSpace) -> RobotWorld:
     """The world of ``robot``. The clock of a real cell is held against that of this machine."""
     from visualrhp.embodiment.robot_world import RobotWorld
+    from visualrhp.embodiment.survey import survey_motions
 
     safety = config.safety
     return RobotWorld(
@@ -208,6 +210,7 @@ def make_world(config: RobotConfig, robot: Robot, space: ActionSpace) -> RobotWo
         look=safety.look,
         robot_mask=robot.robot_mask,
         host_clock=None if robot.simulated is not None else time.monotonic,
+        survey=functools.partial(survey_motions, robot.kinematics) if safety.survey else None,
     )
 
 

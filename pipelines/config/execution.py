@@ -73,12 +73,14 @@ class SafetyConfig:
         watchdog: of what the devices report.
         motion: of what is commanded.
         look: of when a view counts.
+        survey: whether the arm moves out of the camera's sight before the first action.
         tool: how fast the tool moves.
     """
 
     watchdog: WatchdogLimits
     motion: MotionLimits
     look: LookLimits
+    survey: bool
     tool: MotionParameters
 
 

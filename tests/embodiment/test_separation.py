@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
-from visualrhp.embodiment.separation import MAX_OVERLAP, penetration, separated
+from visualrhp.embodiment.separation import MAX_MOTION, MAX_OVERLAP, penetration, separated
 from visualrhp.scene.scene import ObjectShape, Scene, TargetRegion
 from visualrhp.scene.start import check_start
 from visualrhp.types import State
@@ -83,3 +83,10 @@ def test_a_planner_can_start_from_what_is_seen(seed: int) -> None:
     assert np.abs(moved - poses).max() < 0.02
     scene = Scene(TargetRegion(np.zeros(2)), (shape,) * 6, gripper=CELL_GRIPPER)
     check_start(scene, State.create(gripper_pose, opening, False, moved))
+
+
+def test_nothing_is_moved_far() -> None:
+    box = ObjectShape.centred(np.array([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]))
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.05, 0.0]])
+    moved, _ = separated([box, box], poses, CELL_GRIPPER, (1.0, 1.0, 0.0), 0.0)
+    assert np.hypot(*(moved - poses)[:, :2].T) == pytest.approx([MAX_MOTION, MAX_MOTION])

@@ -193,3 +193,43 @@ def test_before_any_object_is_confirmed_all_are_told() -> None:
 def test_a_share_is_at_most_one() -> None:
     with pytest.raises(ConfigError, match="agreement"):
         TrackerParameters(agreement=1.5)
+
+
+def test_what_is_hidden_is_where_a_model_expects_it() -> None:
+    scenes = Scenes()
+    scenes.see(seen(BOX, 0.05, 0.0), times=3)
+    scenes.tracker.expect({0: np.array([0.1, 0.02, 0.3])})
+    (track,) = scenes.see(hidden=EVERYTHING, times=3)
+    assert track.is_hidden and track.pose == pytest.approx([0.1, 0.02, 0.3])
+    scenes.tracker.expect({0: np.array([0.4, 0.02, 0.3])})
+    (track,) = scenes.see(hidden=EVERYTHING)
+    assert not track.is_dropped and 0.24 < track.pose[0] < 0.25  # a drop has to be seen
+
+
+def test_of_two_of_a_kind_the_one_that_should_be_in_sight_is_seen() -> None:
+    scenes = Scenes()
+    scenes.see(seen(DISC, -0.1, 0.0, kind=Kind.ORANGE), seen(DISC, 0.0, 0.0, kind=Kind.ORANGE), times=3)
+    # The first one is pushed below the arm, and pushes the second one to where the first one was.
+    scenes.tracker.expect({0: np.array([0.0, 0.0, 0.0]), 1: np.array([-0.08, 0.06, 0.0])})
+    first, second = scenes.see(seen(DISC, -0.08, 0.05, kind=Kind.ORANGE), hidden=EVERYTHING)
+    assert first.is_hidden and first.pose[:2] == pytest.approx([0.0, 0.0])
+    assert not second.is_hidden and second.pose[:2] == pytest.approx([-0.08, 0.05], abs=1e-6)
+
+
+def test_what_is_seen_close_to_the_edge_is_on_it() -> None:
+    scenes = Scenes()
+    scenes.see(seen(DISC, 0.24, 0.0), times=3)
+    (track,) = scenes.see(seen(DISC, 0.254, 0.0))
+    assert not track.is_dropped and 0.24 < track.pose[0] < 0.25
+    (track,) = scenes.see(seen(DISC, 0.27, 0.0))
+    assert track.is_dropped
+
+
+def test_an_outline_that_never_fits_does_not_unsettle_for_ever() -> None:
+    scenes = Scenes(misfit=1e-5)
+    scenes.see(seen(BOX, 0.0, 0.0), times=3)
+    arm = shapely.box(-0.02, -0.3, 0.3, 0.3)
+    scenes.see(partly(seen(BOX, 0.0, 0.0), arm))
+    assert not scenes.tracker.is_settled
+    scenes.see(partly(seen(BOX, 0.0, 0.0), arm), times=3)
+    assert scenes.tracker.is_settled

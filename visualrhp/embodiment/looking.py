@@ -178,7 +178,7 @@ class Looker:
         """Wait until everything is at rest, and interpret a frame that was exposed afterwards; or why it cannot be."""
         begun = self._cell.now()
         arm, gripper = self._cell.rest()
-        if getattr(self._perception, "needs_camera", True):
+        if self.needs_camera:
             frame = self._still_frame(arm, gripper)
             host_time_s = self._host_clock()
             try:
@@ -249,6 +249,16 @@ class Looker:
             if self._cell.now() > end:  # it may be falling for ever, beyond the edges
                 return frame, view
             before = after
+
+    @property
+    def places_hidden(self) -> bool:
+        """Whether the perception itself puts hidden objects where they are predicted."""
+        return getattr(self._perception, "places_hidden", False)
+
+    @property
+    def needs_camera(self) -> bool:
+        """Whether the perception looks at images."""
+        return getattr(self._perception, "needs_camera", True)
 
     def expect(self, view: SeenScene, predicted: State) -> None:
         """Tell a perception that keeps tracks (``expect``) where they should be in the next image: {id: pose [3]}."""

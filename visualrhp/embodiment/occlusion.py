@@ -7,7 +7,7 @@ part of its border is *doubtful*; the rest is *seen*.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import cv2
@@ -38,6 +38,7 @@ class HiddenRegion:
     camera: Camera
     mask: Mask
     offset: tuple[int, int] = (0, 0)
+    _known: dict[tuple[float, ...], shapely.Geometry] = field(default_factory=dict, init=False, repr=False)
 
     def contains(self, pixels: FloatArray) -> Mask:
         """[N] whether pixels [N, 2] are hidden, or outside of the camera's image."""
@@ -52,6 +53,11 @@ class HiddenRegion:
 
     def at(self, *heights: float) -> shapely.Geometry:
         """The region on horizontal planes at ``heights`` above the table [m], world frame: the union over them."""
+        if heights not in self._known:
+            self._known[heights] = self._union(heights)
+        return self._known[heights]
+
+    def _union(self, heights: tuple[float, ...]) -> shapely.Geometry:
         found = cv2.findContours(self.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
         pieces = []
         for contour in found:

@@ -8,9 +8,9 @@ the gripper's shape.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Final, Protocol
 
 import numpy as np
@@ -26,11 +26,24 @@ from visualrhp.embodiment.robot_model import CELL_GRIPPER, Mounting
 from visualrhp.embodiment.segmentation.detection import Detection, Mask, Segmenter
 from visualrhp.embodiment.separation import separated
 from visualrhp.embodiment.target_search import FoundTarget, TargetSearch, find_target
-from visualrhp.embodiment.tracking import GripperView, Track, Tracker, TrackerParameters
+from visualrhp.embodiment.track import GripperView, Track
+from visualrhp.embodiment.tracking import Tracker, TrackerParameters
+from visualrhp.embodiment.view import SeenObject, View, seen_object
 from visualrhp.errors import PerceptionError
 from visualrhp.parameters import Count, Field, Fraction, Index, parameters
 from visualrhp.scene.scene import Scene, TargetRegion, square_edges
 from visualrhp.types import FloatArray, State
+
+__all__ = [
+    "DesiredObject",
+    "ForwardKinematics",
+    "FrameChecks",
+    "GripperFrame",
+    "Perception",
+    "PerceptionParameters",
+    "SeenObject",
+    "View",
+]
 
 
 class ForwardKinematics(Protocol):
@@ -97,6 +110,8 @@ class PerceptionParameters:
         frames: which images are refused.
         target: how the target region is found.
         tracker: how tracks are kept.
+        goal_margin: by which the target region of the scene is smaller than the disc [m]: what is seen within it is
+            within the disc in spite of errors of a few millimetres.
         target_views: views in a row in which the disc is in sight and not where it was, after which the camera or the
             surface has moved.
     """
@@ -106,62 +121,8 @@ class PerceptionParameters:
     frames: FrameChecks = Field(default_factory=FrameChecks)
     target: TargetSearch = Field(default_factory=TargetSearch)
     tracker: TrackerParameters = Field(default_factory=TrackerParameters)
+    goal_margin: Annotated[float, Field(ge=0)] = 4e-3
     target_views: Count = 3
-
-
-@dataclass(frozen=True)
-class SeenObject:
-    """A track, as it is in one view.
-
-    Attributes:
-        id: of the track.
-        kind: what it is.
-        is_lying: whether it lies on its side.
-        outline: [V, 2] fine outline [m], world frame.
-        pose: [3] x [m], y [m], theta [rad], as in the state.
-        age_s: time since it was last detected [s].
-        is_hidden: something hides it.
-        is_held: it is between the closed fingers.
-        is_dropped: it has fallen off the surface.
-    """
-
-    id: int
-    kind: Kind
-    is_lying: bool
-    outline: FloatArray
-    pose: FloatArray
-    age_s: float
-    is_hidden: bool
-    is_held: bool
-    is_dropped: bool
-
-
-@dataclass(frozen=True)
-class View:
-    """What an image and the robot's joints tell.
-
-    Attributes:
-        scene: the desired object first, then the others in the order of their appearance.
-        state: the gripper, and the objects of ``scene``. Bodies do not overlap by more than a planner accepts.
-        tracks: of the objects of ``scene``, in this order.
-        detections: of the image.
-        arm: [H, W] pixels in which the arm may be seen.
-        target: the disc.
-        time_s: of the image, on the clock of the cell [s].
-        is_settled: another view would, as far as is known, not change what is there; otherwise, an object is new,
-            missed or of another shape, and another image should be taken before a decision.
-        latencies: wall-clock time of each part [s].
-    """
-
-    scene: Scene
-    state: State
-    tracks: tuple[SeenObject, ...]
-    detections: tuple[Detection, ...]
-    arm: Mask
-    target: FoundTarget
-    time_s: float
-    is_settled: bool
-    latencies: dict[str, float]
 
 
 class Perception:
@@ -175,6 +136,9 @@ class Perception:
         edges: [E, 2] of the surface [m], world frame; None for the square of the paper.
         settings: of the parts.
     """
+
+    places_hidden: Final = True
+    """Hidden objects are where :meth:`expect` says."""
 
     def __init__(
         self,
@@ -198,6 +162,15 @@ class Perception:
         self._last_image: npt.NDArray[np.uint8] | None = None
         self._last_time_s = -np.inf
         self._scene: Scene | None = None
+
+    def expect(self, poses: Mapping[int, FloatArray]) -> None:
+        """Take in where a model expects the objects after a motion.
+
+        Args:
+            poses: [3] by the ids of tracks, as in the state. In the next view, objects are looked for there first, and
+                what the arm hides is there.
+        """
+        self._tracker.expect(poses)
 
     def perceive(self, frame: CameraFrame, arm: ArmState, gripper: GripperState, closed: bool) -> View:
         """Interpret an image.
@@ -231,7 +204,8 @@ class Perception:
             target = self._find_target(image, robot, masks)
         with _timed(latencies, "tracking"):
             seen: list[Silhouette] = [each for each in found if each is not None]
-            self._tracker.update(seen, all_hidden(self.camera, robot, masks), hand, frame.time_s)
+            hidden, behind_arm = all_hidden(self.camera, robot, masks), all_hidden(self.camera, robot, [])
+            self._tracker.update(seen, hidden, hand, frame.time_s, behind_arm)
             tracks = self._ordered()
         with _timed(latencies, "state"):
             scene = self._scene_of(tracks, target)
@@ -244,7 +218,7 @@ class Perception:
                 [number for number, track in enumerate(tracks) if track.is_held],
             )
             state = State.create(hand.pose, opening, closed, poses)
-        objects = tuple(_seen(track, pose, frame.time_s) for track, pose in zip(tracks, poses, strict=True))
+        objects = tuple(seen_object(track, pose, frame.time_s) for track, pose in zip(tracks, poses, strict=True))
         return View(
             scene,
             state,
@@ -349,7 +323,7 @@ class Perception:
 
     def _scene_of(self, tracks: tuple[Track, ...], target: FoundTarget) -> Scene:
         """The scene of the tracks; the same object as long as nothing of it changes."""
-        region = TargetRegion(target.position, self.settings.target.radius)
+        region = TargetRegion(target.position, self.settings.target.radius - self.settings.goal_margin)
         shapes = tuple(track.reference.shape for track in tracks)
         last = self._scene
         is_same = (
@@ -371,21 +345,6 @@ _MUCH_COVERED: Final = 0.6
 
 _SAME: Final = 0.7
 """Share of a mask within that of a more confident detection from which on both are the same object."""
-
-
-def _seen(track: Track, pose: FloatArray, time_s: float) -> SeenObject:
-    outline = np.asarray(track.polygon.exterior.coords)[:-1]
-    return SeenObject(
-        track.id,
-        track.kind,
-        track.is_lying,
-        outline,
-        pose,
-        time_s - track.last_seen_s,
-        track.is_hidden,
-        track.is_held,
-        track.is_dropped,
-    )
 
 
 @contextmanager

@@ -15,7 +15,7 @@ world then refuses all further actions.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -26,12 +26,15 @@ from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajecto
 from visualrhp.embodiment.prediction import with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
+from visualrhp.embodiment.survey import backwards
 from visualrhp.embodiment.watchdog import WatchdogLimits, WatchedCell
-from visualrhp.errors import ActionError, CellFault, PerceptionError, VisualRHPError
+from visualrhp.errors import ActionError, CellFault, PerceptionError, UnreachableError, VisualRHPError
 from visualrhp.execution.world import World
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
-from visualrhp.types import Action, State
+from visualrhp.types import Action, FloatArray, State
+
+SurveyMotions = Callable[[FloatArray], Sequence[JointTrajectory]]
 
 
 class RobotWorld(World):
@@ -46,6 +49,8 @@ class RobotWorld(World):
         arm_limits: of the arm.
         watchdog, motion, look: limits.
         robot_mask, host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
+        survey: returns the motions out of the camera's sight, from joint positions [6], which precede the first view
+            (:func:`~visualrhp.embodiment.survey.survey_motions`); None to begin with what the arm does not hide.
 
     Attributes:
         imagine: the state after an action, by the planner's model: a function of (state, action) in the scene of the
@@ -73,6 +78,7 @@ class RobotWorld(World):
         look: LookLimits | None = None,
         robot_mask: RobotMask | None = None,
         host_clock: Callable[[], float] | None = None,
+        survey: SurveyMotions | None = None,
     ) -> None:
         self.imagine: Callable[[State, Action], State] | None = None
         self.followers: list[Callable[[Scene], None]] = []
@@ -87,6 +93,7 @@ class RobotWorld(World):
         self._space = action_space
         self._closed = closed
         self._motion_limits = motion or MotionLimits()
+        self._survey_motions = survey
         self._num_withheld = 0
         self._predicted: State | None = None
 
@@ -101,8 +108,10 @@ class RobotWorld(World):
     def _renew(self) -> None:
         """Look, and tell the followers."""
         latency = self.latencies[-1]
+        if self.last_sight is None and self._survey_motions is not None and self._looker.needs_camera:
+            self._survey(self._survey_motions, latency)
         sight = self._looker.look(self.last_sight, self._closed, latency)
-        if self._predicted is not None and self.last_sight is not None:
+        if self._predicted is not None and self.last_sight is not None and not self._looker.places_hidden:
             view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
             sight = replace(sight, view=view)
         self.sight = self.last_sight = sight
@@ -110,6 +119,18 @@ class RobotWorld(World):
         for follow in self.followers:
             follow(self.sight.view.scene)
         latency.model_s += time.perf_counter() - started
+
+    def _survey(self, motions: SurveyMotions, latency: StepLatency) -> None:
+        """Show the camera the table without the arm, which returns the way it came."""
+        try:
+            legs = motions(self._cell.rest()[0].positions)
+        except UnreachableError:
+            return  # the first view is of what the arm does not hide
+        for leg in legs:
+            execute(self._cell, leg, None)
+        self._looker.look(None, self._closed, latency)
+        for leg in reversed(legs):
+            execute(self._cell, backwards(leg), None)
 
     # ------------------------------------------------------------------------------------------------------------ act
     def act(self, action: Action) -> None:

@@ -22,6 +22,9 @@ from visualrhp.types import FloatArray
 MAX_OVERLAP: Final = 5e-4
 """Overlap that is left [m]; a planner's start may have four times as much (:mod:`visualrhp.scene.start`)."""
 
+MAX_MOTION: Final = 0.015
+"""By which an object is moved at most [m]."""
+
 _ROUNDS: Final = 60
 _RELAXED: Final = 30
 """Rounds after which motions are made larger, for bodies that are pushed from both sides."""
@@ -52,6 +55,7 @@ def separated(
     gripper_pose: npt.ArrayLike,
     opening: float,
     held: Sequence[int] = (),
+    limit: float = MAX_MOTION,
 ) -> tuple[FloatArray, float]:
     """Poses and an opening with which bodies overlap by less than :data:`MAX_OVERLAP`, close to those given.
 
@@ -62,6 +66,8 @@ def separated(
         gripper_pose: [3].
         opening: that is measured [m].
         held: indices of objects between the fingers: the fingers are as far apart as these are wide.
+        limit: distance [m] by which an object is moved at most. An overlap that needs more is left in part: it comes
+            from outlines that are larger than the bodies, and the simulator pushes such bodies apart by itself.
 
     Returns:
         Poses [m, 3], and the opening [m].
@@ -89,6 +95,9 @@ def separated(
         if not shifts.any():
             break
         moved[:, :2] += shifts
+    ways = moved[:, :2] - np.asarray(poses, dtype=np.float64)[:, :2]
+    lengths = np.hypot(*ways.T)
+    moved[:, :2] -= ways * np.maximum(0.0, 1.0 - limit / np.maximum(lengths, 1e-12))[:, None]
     return moved, opening
 
 

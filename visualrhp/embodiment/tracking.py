@@ -8,23 +8,26 @@ outlives the views in which the arm or another object hides it, and moves with t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
-from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.occlusion import HiddenRegion
 from visualrhp.embodiment.outlines import Silhouette
-from visualrhp.embodiment.registration import (
-    Reference,
-    fitted_circle,
-    overlap,
-    register_part,
-    register_whole,
+from visualrhp.embodiment.registration import overlap, register_part, register_whole
+from visualrhp.embodiment.track import (
+    WHOLE,
+    GripperView,
+    Track,
+    hidden_share,
+    hiding_place,
+    is_between_fingers,
+    on_surface,
+    reference_of,
+    vote,
 )
 from visualrhp.errors import PerceptionError
 from visualrhp.parameters import Count, Fraction, Positive, parameters
@@ -45,6 +48,8 @@ class TrackerParameters:
         misfit: mean distance of the borders [m] up to which a view of a part agrees.
         hidden: share of an outline behind something from which on the object need not be detected.
         edge: distance from the edge of the surface [m] within which an object that is lost has fallen.
+        outside: distance beyond the edge from which on an object that is seen there has fallen [m]; closer, it is on
+            the edge, seen with an error.
     """
 
     confirm: Count = 3
@@ -54,10 +59,8 @@ class TrackerParameters:
     misfit: Positive = 3e-3
     hidden: Fraction = 0.4
     edge: Positive = 0.07
+    outside: Positive = 8e-3
 
-
-_WHOLE: Final = 0.97
-"""Share of a border that is seen from which on all of it counts as seen."""
 
 _BETTER: Final = 0.08
 """By how much more of its border a view has to show to replace an outline."""
@@ -72,78 +75,20 @@ _TURNS: Final = (0.5, -0.5, 1.0, -1.0)
 _FALLEN: Final = 0.05
 """Distance [m] from the edge at which an object is placed that fell unseen."""
 
+_STUBBORN: Final = 3
+"""Views in a row that do not agree with an outline from which on another one would not either."""
+
+_UNLIKELY: Final = 0.02
+_UNEXPECTED: Final = 0.04
+"""Costs [m] of assigning a detection to a track that was there and should have moved, and to one that should be hidden
+or has fallen."""
+
 _SAME_SHAPE: Final = 0.96
 """Intersection over union from which on an outline is kept although a better view of it is there."""
-
-_RADII: Final = {Kind.APPLE: 0.037, Kind.ORANGE: 0.036, Kind.CUP: 0.038, Kind.BOTTLE: 0.033}
-_RADIUS_SPREAD: Final = 4e-3
-"""Usual radii of round outlines [m], and their standard deviation, for those of which a part is hidden at first."""
 
 _DUPLICATE: Final = 0.5
 _OUTSIDE: Final = 0.03
 """Distance [m] from the surface beyond which something new is no object of the task."""
-
-
-@dataclass(eq=False)
-class Track:
-    """An object over time.
-
-    Attributes:
-        id: never reused, in the order of appearance.
-        reference: its outline.
-        pose: [3] x [m], y [m], theta [rad] of its outline, world frame.
-        heights: between which it is widest [m].
-        votes: for each kind.
-        is_lying: as last seen.
-        quality: share of its border that was seen when the outline was taken.
-        num_seen: views in which it was detected.
-        num_missed: last views in a row in which it was neither detected nor hidden.
-        num_disagreeing: last views in a row that did not agree with the outline.
-        last_seen_s: time of the last view in which it was detected [s].
-        is_hidden: something hides it in the last view.
-        is_held: it is between the closed fingers.
-        is_dropped: it has fallen off the surface.
-    """
-
-    id: int
-    reference: Reference
-    pose: FloatArray
-    heights: tuple[float, float]
-    votes: dict[Kind, float] = field(default_factory=dict)
-    is_lying: bool = False
-    quality: float = 1.0
-    num_seen: int = 1
-    num_missed: int = 0
-    num_disagreeing: int = 0
-    last_seen_s: float = 0.0
-    is_hidden: bool = False
-    is_held: bool = False
-    is_dropped: bool = False
-
-    @property
-    def kind(self) -> Kind:
-        """What most views, the last ones first, say that it is."""
-        return max(self.votes, key=lambda kind: self.votes[kind])
-
-    @property
-    def polygon(self) -> shapely.Polygon:
-        """Its outline in the world frame."""
-        return self.reference.at(self.pose)
-
-
-@dataclass(frozen=True)
-class GripperView:
-    """The gripper in a view.
-
-    Attributes:
-        pose: [3] x [m], y [m], theta [rad] of its frame, world frame.
-        opening: between the fingers [m].
-        closed: whether it was commanded to close.
-    """
-
-    pose: FloatArray
-    opening: float
-    closed: bool
 
 
 class Tracker:
@@ -161,6 +106,7 @@ class Tracker:
         self._gripper = gripper
         self._tracks: list[Track] = []
         self._last_gripper: GripperView | None = None
+        self._predicted: dict[int, FloatArray] = {}
         self._next_id = 0
 
     @property
@@ -173,15 +119,25 @@ class Tracker:
     def is_settled(self) -> bool:
         """Whether another view would, as far as is known, not change what is there."""
         return bool(self._tracks) and all(
-            self._is_confirmed(track) and (track.is_dropped or not (track.num_missed or track.num_disagreeing))
+            self._is_confirmed(track)
+            and (track.is_dropped or not (track.num_missed or 0 < track.num_disagreeing < _STUBBORN))
             for track in self._tracks
         )
 
     def _is_confirmed(self, track: Track) -> bool:
         return track.num_seen >= self.settings.confirm
 
+    def expect(self, poses: Mapping[int, FloatArray]) -> None:
+        """Where a model expects tracks in the next view: poses [3] by their ids. What is hidden then is there."""
+        self._predicted = {number: on_surface(self._surface, pose) for number, pose in poses.items()}
+
     def update(
-        self, silhouettes: Sequence[Silhouette], hidden: HiddenRegion, gripper: GripperView, time_s: float
+        self,
+        silhouettes: Sequence[Silhouette],
+        hidden: HiddenRegion,
+        gripper: GripperView,
+        time_s: float,
+        arm: HiddenRegion | None = None,
     ) -> None:
         """Take in a view.
 
@@ -190,24 +146,25 @@ class Tracker:
             hidden: what is behind the arm or any object.
             gripper: where it is.
             time_s: of the view [s].
+            arm: what is behind the arm, where an object may have been pushed; None for the same as ``hidden``.
 
         Raises:
             PerceptionError: an object is gone that nothing hides and that was not close to an edge.
         """
         expected = [self._expected_poses(track, gripper) for track in self._tracks]
-        pairs = self._assigned(silhouettes, expected)
+        pairs = self._assigned(silhouettes, expected, hidden)
         lost: list[Track] = []
         for number, track in enumerate(list(self._tracks)):
             if number in pairs:
                 self._measure(track, silhouettes[pairs[number]], expected[number])
                 track.last_seen_s = time_s
-            elif self._miss(track, expected[number][-1], hidden):
+            elif self._miss(track, expected[number], hidden, arm or hidden):
                 lost.append(track)
         for number in set(range(len(silhouettes))) - set(pairs.values()):
             self._appear(silhouettes[number], time_s)
         for track in self._tracks:
-            track.is_held = self._holds(track, gripper)
-        self._last_gripper = gripper
+            track.is_held = is_between_fingers(track, gripper, self._gripper)
+        self._last_gripper, self._predicted = gripper, {}
         if lost:
             named = ", ".join(f"{t.kind} {t.id} at ({t.pose[0]:z.3f}, {t.pose[1]:z.3f})" for t in lost)
             raise PerceptionError(
@@ -217,16 +174,21 @@ class Tracker:
 
     # ----------------------------------------------------------------------------------------------------- assignment
     def _expected_poses(self, track: Track, gripper: GripperView) -> list[FloatArray]:
-        """Where a track may be: where it was, and if it was held, where the gripper has carried it; the likeliest
-        last."""
+        """Where a track may be, the likeliest last: where it was, where a model expects it, and if it was held, where
+        the gripper has carried it."""
+        expected = [track.pose]
+        if track.id in self._predicted and not track.is_dropped:
+            expected.append(self._predicted[track.id])
         before = self._last_gripper
-        if before is None or not track.is_held:
-            return [track.pose]
-        turn = gripper.pose[2] - before.pose[2]
-        place = geometry.to_world(geometry.to_body(track.pose[None, :2], before.pose), gripper.pose)[0]
-        return [track.pose, np.array([*place, wrap_angle(float(track.pose[2] + turn))])]
+        if before is not None and track.is_held and gripper.closed:
+            turn = gripper.pose[2] - before.pose[2]
+            place = geometry.to_world(geometry.to_body(track.pose[None, :2], before.pose), gripper.pose)[0]
+            expected.append(np.array([*place, wrap_angle(float(track.pose[2] + turn))]))
+        return expected
 
-    def _assigned(self, silhouettes: Sequence[Silhouette], expected: Sequence[list[FloatArray]]) -> dict[int, int]:
+    def _assigned(
+        self, silhouettes: Sequence[Silhouette], expected: Sequence[list[FloatArray]], hidden: HiddenRegion
+    ) -> dict[int, int]:
         """The number of the silhouette for each number of a track."""
         if not silhouettes or not self._tracks:
             return {}
@@ -236,14 +198,19 @@ class Tracker:
                 for track, poses in zip(self._tracks, expected, strict=True)
             ]
         )
+        # What should be in sight is the more likely one to be seen.
+        for number, track in enumerate(self._tracks if len(silhouettes) < len(self._tracks) else ()):
+            if track.is_dropped or hidden_share(track, expected[number][-1], hidden) >= self.settings.hidden:
+                costs[number] += _UNEXPECTED
         far = 10.0
         rows, columns = linear_sum_assignment(np.where(np.isfinite(costs), costs, far))
         return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if np.isfinite(costs[r, c])}
 
     def _cost(self, track: Track, expected: list[FloatArray], silhouette: Silhouette) -> float:
-        distance = min(float(np.hypot(*(pose[:2] - silhouette.centroid))) for pose in expected)
-        if distance > self.settings.gate:
+        distances = [float(np.hypot(*(pose[:2] - silhouette.centroid))) for pose in expected]
+        if min(distances) > self.settings.gate:
             return np.inf
+        distance = min(distances[-1], min(distances) + _UNLIKELY)
         growth = abs(float(np.log(silhouette.area / track.reference.shape.area)))
         other = _OTHER_KIND if silhouette.detection.kind is not track.kind else 0.0
         return distance + other + _OTHER_SIZE * silhouette.share_seen * growth
@@ -252,50 +219,70 @@ class Tracker:
     def _measure(self, track: Track, silhouette: Silhouette, expected: list[FloatArray]) -> None:
         """Find the pose of a track that is detected."""
         start = min(reversed(expected), key=lambda pose: float(np.hypot(*(pose[:2] - silhouette.centroid))))
-        is_whole = silhouette.share_seen >= _WHOLE
+        is_whole = silhouette.share_seen >= WHOLE
         if is_whole:
             pose, agreement = register_whole(track.reference, silhouette.polygon, float(start[2]))
             agrees = agreement >= self.settings.agreement
         else:
-            pose, distance = self._partial_pose(track, start, silhouette)
+            pose, distance = self._partial_pose(track, start, expected, silhouette)
             agrees = distance <= self.settings.misfit
-        is_better = silhouette.share_seen > track.quality + _BETTER or (is_whole and track.quality < _WHOLE)
+        is_better = silhouette.share_seen > track.quality + _BETTER or (is_whole and track.quality < WHOLE)
         if is_better and overlap(track.reference.at(pose), silhouette.polygon) > _SAME_SHAPE:
             track.quality, is_better = silhouette.share_seen, False
         has_changed = silhouette.detection.is_lying is not track.is_lying and is_whole and not agrees
         track.num_disagreeing = 0 if agrees else track.num_disagreeing + 1
         if is_better or has_changed or (track.num_disagreeing >= 2 and silhouette.share_seen > 0.5):
-            track.reference, pose = _reference(silhouette, float(start[2]))
+            track.reference, pose = reference_of(silhouette, float(start[2]))
             track.quality, track.num_disagreeing = silhouette.share_seen, 0
         track.pose, track.heights = pose, silhouette.heights
         if is_whole or has_changed:
             track.is_lying = silhouette.detection.is_lying
         track.num_seen += 1
         track.num_missed, track.is_hidden = 0, False
-        track.is_dropped = not self._surface.contains(shapely.Point(pose[:2]))
-        _vote(track, silhouette)
+        self._place(track, silhouette)
+        vote(track, silhouette)
 
-    def _partial_pose(self, track: Track, start: FloatArray, silhouette: Silhouette) -> tuple[FloatArray, float]:
+    def _place(self, track: Track, silhouette: Silhouette) -> None:
+        """Tell whether a track that is seen has fallen: all that is seen of it tells so, by more than an error."""
+        place = shapely.Point(track.pose[:2])
+        if self._surface.contains(place):
+            track.is_dropped = False
+            return
+        seen = place if silhouette.share_seen >= WHOLE else shapely.Point(silhouette.centroid)
+        beyond = min(self._surface.distance(place), self._surface.distance(seen))
+        track.is_dropped = bool(beyond > self.settings.outside)
+        if not track.is_dropped:
+            track.pose = on_surface(self._surface, track.pose)
+
+    def _partial_pose(
+        self, track: Track, start: FloatArray, expected: Sequence[FloatArray], silhouette: Silhouette
+    ) -> tuple[FloatArray, float]:
         border = silhouette.points[silhouette.is_seen]
         if len(border) < 8:
             return start, 0.0  # nothing to be learned from what is seen
-        best = register_part(track.reference, start, border, silhouette.hidden)
-        for turn in () if track.reference.is_round else _TURNS:
+        turns = () if track.reference.is_round else _TURNS
+        around = np.array([*silhouette.centroid, start[2]])
+        starts = [start, *(pose for pose in expected if pose is not start), around]
+        starts += [start + (0.0, 0.0, turn) for turn in turns] + [around + (0.0, 0.0, turn) for turn in turns]
+        best = start, np.inf
+        for pose in starts:
+            again = register_part(track.reference, pose, border, silhouette.hidden)
+            best = min(best, again, key=lambda result: result[1])
             if best[1] <= self.settings.misfit:
                 break
-            again = register_part(track.reference, start + (0.0, 0.0, turn), border, silhouette.hidden)
-            best = min(best, again, key=lambda result: result[1])
         return best
 
-    def _miss(self, track: Track, expected: FloatArray, hidden: HiddenRegion) -> bool:
+    def _miss(self, track: Track, expected: Sequence[FloatArray], hidden: HiddenRegion, arm: HiddenRegion) -> bool:
         """Update a track that is not detected; return whether it is lost."""
         if track.is_dropped:
             return False
-        outline = track.reference.at(expected)
-        behind = shapely.intersection(outline, hidden.at(*track.heights)).area
-        track.is_hidden = bool(behind >= self.settings.hidden * outline.area)
-        if track.is_hidden:
-            track.pose, track.num_missed = expected, 0
+        places = [pose for pose in expected if hidden_share(track, pose, hidden) >= self.settings.hidden]
+        place = places[-1] if places else None
+        if place is None and self._is_confirmed(track):
+            place = hiding_place(track, expected[-1], arm, self._surface)
+        track.is_hidden = place is not None
+        if place is not None:
+            track.pose, track.num_missed, track.num_disagreeing = place, 0, 0
             return False
         track.num_missed += 1
         if not self._is_confirmed(track):
@@ -319,42 +306,9 @@ class Tracker:
             return
         if any(overlap(track.polygon, silhouette.polygon) > _DUPLICATE for track in self._tracks):
             return
-        reference, pose = _reference(silhouette, 0.0)
+        reference, pose = reference_of(silhouette, 0.0)
         track = Track(self._next_id, reference, pose, silhouette.heights, is_lying=silhouette.detection.is_lying)
         track.quality, track.last_seen_s = silhouette.share_seen, time_s
-        _vote(track, silhouette)
+        vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
-
-    def _holds(self, track: Track, gripper: GripperView) -> bool:
-        """Whether a track is between closed fingers: it fills a third of the space between them."""
-        if not gripper.closed or gripper.opening < 5e-3 or track.is_dropped:
-            return False
-        back, front = self._gripper.finger_reach - self._gripper.finger_length, self._gripper.finger_reach
-        half = 0.5 * gripper.opening
-        between = np.array([[back, -half], [front, -half], [front, half], [back, half]])
-        space = shapely.Polygon(geometry.to_world(between, gripper.pose))
-        shared = shapely.intersection(space, track.polygon).area
-        return bool(shared > min(0.33 * space.area, 0.33 * track.polygon.area))
-
-
-def _vote(track: Track, silhouette: Silhouette) -> None:
-    for kind in track.votes:
-        track.votes[kind] *= 0.8
-    track.votes[silhouette.detection.kind] = (
-        track.votes.get(silhouette.detection.kind, 0.0) + silhouette.detection.score
-    )
-
-
-def _reference(silhouette: Silhouette, theta: float) -> tuple[Reference, FloatArray]:
-    """The outline of a silhouette; of a round one that is seen in part, the circle through the border that is seen."""
-    polygon = silhouette.polygon
-    detection, border = silhouette.detection, silhouette.points[silhouette.is_seen]
-    if silhouette.share_seen < _WHOLE and not detection.is_lying and detection.kind in _RADII and len(border) > 8:
-        centre, radius = fitted_circle(border, _RADII[detection.kind], _RADIUS_SPREAD)
-        circle = shapely.Point(centre).buffer(radius, quad_segs=16)
-        # It should hold what is seen, and be behind something elsewhere.
-        beyond = shapely.difference(circle, shapely.union(polygon.buffer(2e-3), silhouette.hidden))
-        if beyond.area < 0.1 * circle.area and shapely.intersection(polygon, circle).area > 0.8 * polygon.area:
-            polygon = circle
-    return Reference.located(polygon, theta)
