@@ -228,8 +228,18 @@ def test_what_is_seen_close_to_the_edge_is_on_it() -> None:
 def test_an_outline_that_never_fits_does_not_unsettle_for_ever() -> None:
     scenes = Scenes(misfit=1e-5)
     scenes.see(seen(BOX, 0.0, 0.0), times=3)
-    arm = shapely.box(-0.02, -0.3, 0.3, 0.3)
+    arm = shapely.box(-0.008, -0.3, 0.3, 0.3)
     scenes.see(partly(seen(BOX, 0.0, 0.0), arm))
     assert not scenes.tracker.is_settled
     scenes.see(partly(seen(BOX, 0.0, 0.0), arm), times=3)
     assert scenes.tracker.is_settled
+
+
+def test_a_fragment_that_does_not_fit_tells_that_the_object_is_there() -> None:
+    scenes = Scenes()
+    scenes.see(seen(BOX, 0.0, 0.0), times=3)
+    scenes.tracker.expect({0: np.array([0.06, 0.0, 0.0])})
+    wedge = shapely.segmentize(shapely.Polygon([(0.02, 0.0), (0.06, 0.005), (0.02, 0.02)]), 2e-3)
+    (track,) = scenes.see(partly(seen(wedge, 0.0, 0.0), shapely.box(0.05, -0.3, 0.3, 0.3)))
+    assert track.pose[:2] == pytest.approx([0.06, 0.0], abs=0.01)
+    assert not track.is_hidden and scenes.tracker.is_settled

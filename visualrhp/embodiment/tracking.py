@@ -83,6 +83,9 @@ _UNEXPECTED: Final = 0.04
 """Costs [m] of assigning a detection to a track that was there and should have moved, and to one that should be hidden
 or has fallen."""
 
+_LITTLE: Final = 0.4
+"""Share of an outline below which what is seen of it, if it does not fit, tells hardly more than that it is there."""
+
 _SAME_SHAPE: Final = 0.96
 """Intersection over union from which on an outline is kept although a better view of it is there."""
 
@@ -226,6 +229,8 @@ class Tracker:
         else:
             pose, distance = self._partial_pose(track, start, expected, silhouette)
             agrees = distance <= self.settings.misfit
+            if not agrees and silhouette.area < _LITTLE * track.reference.shape.area:
+                pose, agrees = _around(track, expected[-1], silhouette), True
         is_better = silhouette.share_seen > track.quality + _BETTER or (is_whole and track.quality < WHOLE)
         if is_better and overlap(track.reference.at(pose), silhouette.polygon) > _SAME_SHAPE:
             track.quality, is_better = silhouette.share_seen, False
@@ -262,7 +267,7 @@ class Tracker:
             return start, 0.0  # nothing to be learned from what is seen
         turns = () if track.reference.is_round else _TURNS
         around = np.array([*silhouette.centroid, start[2]])
-        starts = [start, *(pose for pose in expected if pose is not start), around]
+        starts = [*reversed(expected), around]
         starts += [start + (0.0, 0.0, turn) for turn in turns] + [around + (0.0, 0.0, turn) for turn in turns]
         best = start, np.inf
         for pose in starts:
@@ -312,3 +317,12 @@ class Tracker:
         vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
+
+
+def _around(track: Track, pose: FloatArray, silhouette: Silhouette) -> FloatArray:
+    """``pose`` [3], moved so that the outline of a track reaches what is seen of it."""
+    outline, seen = track.reference.at(pose), shapely.Point(silhouette.centroid)
+    if shapely.contains(outline, seen):
+        return pose
+    closest = shapely.get_coordinates(shapely.shortest_line(outline, seen))
+    return pose + np.array([*(closest[1] - closest[0]), 0.0])
