@@ -1,13 +1,14 @@
 """Objects that the arm hides are where the planner's model expects them."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.embodiment.planar_cell import PlanarCell, PlanarKinematics, PlanarPerception, planar_task
-from visualrhp.embodiment.prediction import with_hidden_predicted
+from visualrhp.embodiment.prediction import is_goal_unseen, with_hidden_predicted
 from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation import TransitionModel, make_action_space
@@ -117,3 +118,22 @@ def test_a_robot_that_hides_what_it_pushes_believes_its_model():
         np.testing.assert_allclose(state.object_positions, cell.state.object_positions, atol=2e-3)
     assert moved_by > 0.02, "something was pushed"
     np.testing.assert_allclose(perception.expected[-1][0], state.object_poses[0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("is_hidden", "is_held", "distance", "expected"),
+    [
+        (True, False, 0.03, True),
+        (True, True, 0.03, False),
+        (False, False, 0.03, False),
+        (True, False, 0.1, False),
+    ],
+)
+def test_a_goal_that_the_arm_hides_is_unseen(is_hidden, is_held, distance, expected) -> None:
+    scene = TASK.scene
+    poses = TASK.state.object_poses.copy()
+    poses[0, :2] = scene.target.position + (distance, 0.0)
+    state = State.create(TASK.state.gripper_pose, 0.085, False, poses)
+    track = SimpleNamespace(is_hidden=is_hidden, is_held=is_held)
+    assert is_goal_unseen(SimpleNamespace(scene=scene, state=state, tracks=(track,))) is expected
+    assert not is_goal_unseen(SimpleNamespace(scene=scene, state=state))

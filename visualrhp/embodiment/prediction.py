@@ -14,6 +14,7 @@ import numpy as np
 
 from visualrhp.scene import geometry
 from visualrhp.scene.scene import Scene
+from visualrhp.simulation import rules
 from visualrhp.types import FloatArray, State
 
 V = TypeVar("V")
@@ -45,6 +46,18 @@ def with_hidden_predicted(view: V, last: Any, predicted: State) -> V:
     state = entries.state
     changed = State.create(state.gripper_pose, state.gripper_opening, state.gripper_closed, poses)
     return dataclasses.replace(entries, state=changed)
+
+
+def is_goal_unseen(view: Any) -> bool:
+    """Whether the goal is reached as far as is predicted, and the arm, which holds nothing, hides the desired object.
+
+    Args:
+        view: as of :func:`with_hidden_predicted`; one without tracks sees everything.
+    """
+    tracks = getattr(view, "tracks", None)
+    if not tracks or not tracks[0].is_hidden or any(track.is_held for track in tracks):
+        return False
+    return rules.is_goal(view.scene, view.state)
 
 
 def _kept_inside(pose: FloatArray, scene: Scene) -> FloatArray:

@@ -23,7 +23,7 @@ import numpy as np
 
 from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, Sight, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
-from visualrhp.embodiment.prediction import with_hidden_predicted
+from visualrhp.embodiment.prediction import is_goal_unseen, with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER
 from visualrhp.embodiment.survey import backwards
@@ -49,8 +49,9 @@ class RobotWorld(World):
         arm_limits: of the arm.
         watchdog, motion, look: limits.
         robot_mask, host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
-        survey: returns the motions out of the camera's sight, from joint positions [6], which precede the first view
-            (:func:`~visualrhp.embodiment.survey.survey_motions`); None to begin with what the arm does not hide.
+        survey: returns the motions out of the camera's sight, from joint positions [6]
+            (:func:`~visualrhp.embodiment.survey.survey_motions`). They precede the first view, and a goal that the arm
+            hides; the arm then returns the way it came. None to see only what the arm does not hide.
 
     Attributes:
         imagine: the state after an action, by the planner's model: a function of (state, action) in the scene of the
@@ -111,6 +112,9 @@ class RobotWorld(World):
         if self.last_sight is None and self._survey_motions is not None and self._looker.needs_camera:
             self._survey(self._survey_motions, latency)
         sight = self._looker.look(self.last_sight, self._closed, latency)
+        if self._survey_motions is not None and is_goal_unseen(sight.view):
+            self._survey(self._survey_motions, latency)
+            sight = self._looker.look(self.last_sight, self._closed, latency)
         if self._predicted is not None and self.last_sight is not None and not self._looker.places_hidden:
             view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
             sight = replace(sight, view=view)
