@@ -217,6 +217,9 @@ class Perception:
                 opening,
                 [number for number, track in enumerate(tracks) if track.is_held],
             )
+            seen_pose = tracks[0].pose
+            if _is_within(scene.target, seen_pose) != _is_within(scene.target, poses[0]):
+                poses[0] = seen_pose  # what is seen decides about the goal, not what a planner can start from
             state = State.create(hand.pose, opening, closed, poses)
         objects = tuple(seen_object(track, pose, frame.time_s) for track, pose in zip(tracks, poses, strict=True))
         return View(
@@ -345,6 +348,10 @@ _MUCH_COVERED: Final = 0.6
 
 _SAME: Final = 0.7
 """Share of a mask within that of a more confident detection from which on both are the same object."""
+
+
+def _is_within(target: TargetRegion, pose: FloatArray) -> bool:
+    return bool(np.hypot(*(pose[:2] - target.position)) <= target.radius)
 
 
 @contextmanager
