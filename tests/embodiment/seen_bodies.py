@@ -40,7 +40,7 @@ class Body:
     def outline(self) -> shapely.Polygon:
         """What an orthographic view from above shows."""
         points = np.concatenate([geometry.to_world(section, self.pose) for section, _ in self.sections])
-        return shapely.MultiPoint(points).convex_hull
+        return shapely.Polygon(geometry.convex_hull(points))
 
     def silhouette(self, camera: Camera) -> shapely.Polygon:
         """In pixels."""
@@ -48,7 +48,7 @@ class Body:
             np.column_stack([geometry.to_world(section, self.pose), np.full(len(section), height)])
             for section, height in self.sections
         ]
-        return shapely.MultiPoint(camera.project(np.concatenate(points))).convex_hull
+        return shapely.Polygon(geometry.convex_hull(camera.project(np.concatenate(points))))
 
 
 def fruit(radius: float = 0.038, kind: Kind = Kind.ORANGE) -> Body:
