@@ -84,7 +84,18 @@ def test_killed_stages_give_the_same_results_and_runs(tmp_path: Path, number: in
     assert tally.differences == []
 
 
+NOT_KILLED = {
+    "calibrate_camera",
+    "evaluate_execution",
+    "evaluate_segmenter",
+    "execute",
+    "generate_frames",
+    "train_segmenter",
+}
+"""Of the execution phase: their resumption is tested in test_execute and test_segmenter, without kills."""
+
+
 def test_the_stages_of_the_harness_are_all_pipelines() -> None:
     pipelines = {path.stem for path in (REPOSITORY / "pipelines").glob("*.py") if "@app(" in path.read_text()}
-    assert {stage.name for stage in STAGES} == pipelines
+    assert {stage.name for stage in STAGES} == pipelines - NOT_KILLED
     assert len(set(itertools.chain.from_iterable([stage.artefact] for stage in STAGES))) == len(STAGES)

@@ -12,7 +12,7 @@ import torch
 
 from pipelines import play as pipeline
 from pipelines.config import PlayConfig
-from pipelines.planners import build_planner, find_network, needed_network
+from pipelines.planners import build_planner, find_network, needed_network, released_where_untrained
 from pipelines.workflow.app import CONFIG_FOLDER, compose
 from tests.rendering.fake_window import FakeTime, FakeToolkit
 from visualrhp.errors import CheckpointError, ConfigError, SceneError
@@ -116,7 +116,7 @@ def test_every_planner_plays(planner: str, heuristics: Path, monkeypatch: pytest
     imagines = planner != "greedy"
     counts = {len(timed.decision.rollouts) for timed in result.decisions}
     least = getattr(config.planner, "num_rollouts", int(imagines))  # of a planner without roll-outs, its plan
-    assert min(counts) >= least if planner.endswith("_plus") else counts == {least}
+    assert min(counts) >= least if "_plus" in planner else counts == {least}
     frames = list(film_episode(result, world, hold=5, **pipeline.looks(config)))
     steps = len(result.episode)
     assert len(frames) == 1 + steps * (2 + imagines) + 5
@@ -153,9 +153,8 @@ def test_where_nothing_was_trained_the_released_networks_play(
     planner: str, num_objects: int, expected: str | None, tmp_path: Path
 ) -> None:
     config = configure(f"planner={planner}", f"paths.outputs={tmp_path}")
-    assert pipeline.heuristics_of(config, num_objects) == expected
-    given = configure(f"planner={planner}", "heuristics=elsewhere")
-    assert pipeline.heuristics_of(given, num_objects) == "elsewhere"
+    assert released_where_untrained(config.planner, "continuous", config.heuristics, num_objects) == expected
+    assert released_where_untrained(config.planner, "continuous", "elsewhere", num_objects) == "elsewhere"
 
 
 def test_names_of_files_tell_planners_apart() -> None:
