@@ -244,7 +244,7 @@ def make_model(
     from visualrhp.embodiment.robot_world import RobotWorld
 
     scene, _ = world.observe()
-    model = ReachableModel(scene, space, robot.kinematics.reach, config.physics)
+    model = ReachableModel(scene, space, robot.kinematics.reach, config.physics, config.safety.edge_margin)
 
     def follow(scene: Scene) -> None:
         model.follow(scene, robot.kinematics.turning_range(robot.cell.arm().positions))

@@ -75,6 +75,7 @@ class SafetyConfig:
         look: of when a view counts.
         survey: whether the arm moves out of the camera's sight before the first action.
         tool: how fast the tool moves.
+        edge_margin: at the edges, into which no object should be pushed (:class:`ReachableModel`) [m].
     """
 
     watchdog: WatchdogLimits
@@ -82,6 +83,7 @@ class SafetyConfig:
     look: LookLimits
     survey: bool
     tool: MotionParameters
+    edge_margin: NonNegative = 0.04
 
 
 @parameters

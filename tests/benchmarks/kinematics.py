@@ -37,7 +37,7 @@ def _with_pink(kinematics: ArmKinematics, joints: FloatArray, motion: GripperMot
     """One step of Pink for every sample of the same trajectory."""
     pin, pink = robot_package("pinocchio"), robot_package("pink")
     times = kinematics.path(joints, motion).times
-    parts = progress(times, float(times[-1]), MotionParameters().ramp_s)
+    parts = progress(times, float(times[-1]), MotionParameters().ramp_s, MotionParameters().brake_s)
     way = np.array(START) + parts[:, None] * displacement_of(START[2], motion)
     targets = [pin.SE3(kinematics.flange_target(_level(*pose))) for pose in way]
     model, data, period = kinematics.model, kinematics.model.createData(), float(times[1])

@@ -43,12 +43,12 @@ def run(effort: Effort) -> None:
         imitation(effort, network, transitions, batch_size)
     for batch_size in (500, 2000) if full else (20,):
         c3po_update(effort, network, transitions, batch_size)
-    against_stable_baselines3(effort, 10_000 if full else 40)
+    against_stable_baselines3(effort, 10_000 if full else 40, _ENVS if full else 2)
 
 
-def make_env(num_workers: int | None) -> BatchedClutterEnv:
+def make_env(num_workers: int | None, num_envs: int = _ENVS) -> BatchedClutterEnv:
     distribution = SceneDistribution(num_objects=(1, 7))
-    return BatchedClutterEnv(distribution, "continuous", "image", _ENVS, seed=0, num_workers=num_workers)
+    return BatchedClutterEnv(distribution, "continuous", "image", num_envs, seed=0, num_workers=num_workers)
 
 
 def network_pass(effort: Effort, network: ActorCritic, size: int) -> None:
@@ -147,7 +147,7 @@ def plain_weights(network: ActorCritic) -> ActorCritic:
 
 
 # --------------------------------------------------------------------------------------------- Stable-Baselines3
-def against_stable_baselines3(effort: Effort, count: int) -> None:
+def against_stable_baselines3(effort: Effort, count: int, num_envs: int) -> None:
     """PPO: ``count`` transitions are collected, then used in ten epochs; the same environment and plain network."""
     try:
         import stable_baselines3
@@ -157,11 +157,11 @@ def against_stable_baselines3(effort: Effort, count: int) -> None:
         print("\nStable-Baselines3 is not installed: the comparison with it is skipped.")
         return
     show_title(
-        f"PPO: collect and update {count} transitions, {_ENVS} tasks, {_EPOCHS} epochs, batches of 500, wall time"
+        f"PPO: collect and update {count} transitions, {num_envs} tasks, {_EPOCHS} epochs, batches of 500, wall time"
     )
     batch_size = min(500, count)
     config = C3POConfig(count, batch_size, baseline_step=False, policy_epochs=_EPOCHS, clip_epsilon=0.2, lr=3e-4)
-    env = make_env(num_workers=None)
+    env = make_env(None, num_envs)
     learner = C3PO(ActorCritic(make_observation("image", None)), env, config, seed=0)
     iterations = learner.run(10_000)
     peers: dict[str, Any] = {}
@@ -169,11 +169,11 @@ def against_stable_baselines3(effort: Effort, count: int) -> None:
         ("Stable-Baselines3, one process", DummyVecEnv),
         ("Stable-Baselines3, a process a task", SubprocVecEnv),
     ):
-        vector = make_vec_env(_make_gymnasium, n_envs=_ENVS, seed=0, vec_env_cls=kind)
+        vector = make_vec_env(_make_gymnasium, n_envs=num_envs, seed=0, vec_env_cls=kind)
         peers[name] = stable_baselines3.PPO(
             "MultiInputPolicy",
             vector,
-            n_steps=count // _ENVS,
+            n_steps=count // num_envs,
             batch_size=batch_size,
             n_epochs=_EPOCHS,
             policy_kwargs={"features_extractor_class": _features_extractor(), "net_arch": []},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,8 @@ def test_paths_follow_the_line_within_the_limits(pose: Any, motion: GripperMotio
         parts.append(part)
     if length > 0.01:
         assert (np.diff(parts) > -1e-4).all()
-        speed = np.linalg.norm(displacement[:2]) / (trajectory.duration - MotionParameters().ramp_s)
+        mean_ramp = 0.5 * (MotionParameters().ramp_s + MotionParameters().brake_s)
+        speed = np.linalg.norm(displacement[:2]) / (trajectory.duration - mean_ramp)
         assert speed <= MotionParameters().speed * (1 + 1e-9)
     end = KINEMATICS.forward(trajectory.positions[-1])
     assert (end.x, end.y, end.height) == pytest.approx(
@@ -288,14 +290,46 @@ def test_the_turning_range_ends_before_the_wrist_is_wound_up(direction: float) -
     """Turning as far as it allows, in place or on the way, is possible for the arm."""
     joints = KINEMATICS.inverse(0.05, 0.0, 0.0, near=HOME)
     motion = GripperMotion(forward=0.02, rotation=0.6 * direction)
-    turned, room = 0.0, KINEMATICS.turning_range(joints)
-    while KINEMATICS.turning_range(joints).allows(KINEMATICS.forward(joints).theta, motion.rotation):
+    turned = 0.0
+    while KINEMATICS.turning_range(joints).allows(pose_at(joints), motion):
         joints = KINEMATICS.path(joints, motion).positions[-1]
         turned += motion.rotation
-    assert abs(turned) > min(room.clockwise, room.counter_clockwise) - 0.7 > 1.0
-    assert 2.0 * np.pi - abs(joints[5]) < 0.6 + 1.0  # it is nearly wound up
+    assert abs(turned) > 1.0
+    assert 2.0 * np.pi - abs(joints[5]) < 0.6 + 0.2  # it is nearly wound up
     back = GripperMotion(rotation=-motion.rotation)
-    assert KINEMATICS.turning_range(joints).allows(KINEMATICS.forward(joints).theta, back.rotation)
+    assert KINEMATICS.turning_range(joints).allows(pose_at(joints), back)
+
+
+def pose_at(joints: np.ndarray) -> np.ndarray:
+    tool = KINEMATICS.forward(joints)
+    return np.array([tool.x, tool.y, tool.theta])
+
+
+def test_the_turning_range_knows_how_far_wrist_3_turns() -> None:
+    """At the limits of the range after one and after two motions, against the joints of their paths."""
+    rng, num_motions = np.random.default_rng(0), 0
+    while num_motions < 60:
+        try:
+            joints = KINEMATICS.inverse(*rng.uniform(-0.2, 0.2, 2), rng.uniform(-np.pi, np.pi), near=HOME)
+            poses, ways = [pose_at(joints)], [joints]
+            motions = [GripperMotion(*rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.8, 0.8)) for _ in range(2)]
+            for motion in motions:
+                ways.append(KINEMATICS.path(ways[-1], motion).positions[-1])
+                poses.append(pose_at(ways[-1]))
+        except UnreachableError:
+            continue
+        for number, motion in enumerate(motions):
+            wrist = ways[number + 1][5] - joints[5]
+            least, most = min(wrist, ways[number][5] - joints[5]), max(wrist, ways[number][5] - joints[5])
+            present = KINEMATICS.turning_range(joints)
+            for forwards, backwards, is_allowed in (
+                (most + 1e-3, 1e-3 - least, True),
+                (wrist - 1e-3, 10.0, wrist < most),
+                (10.0, -1e-3 - wrist, wrist > least),
+            ):
+                changed = replace(present, forwards=forwards, backwards=backwards)
+                assert changed.allows(poses[number], motion) == is_allowed
+            num_motions += 1
 
 
 @pytest.mark.parametrize("joint", range(6))

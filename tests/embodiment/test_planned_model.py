@@ -10,14 +10,16 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from tests.embodiment.planar_cell import pushing_task
 from visualrhp.embodiment import planned_model
 from visualrhp.embodiment.planned_model import ReachableModel
 from visualrhp.embodiment.reach import ReachMap, TurningRange
+from visualrhp.embodiment.robot_model import Mounting
 from visualrhp.errors import ActionError, SimulationError
 from visualrhp.planning.planner import PlanningModel
 from visualrhp.scene.noise import perturb
 from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
-from visualrhp.scene.scene import TaskInstance
+from visualrhp.scene.scene import Scene, TaskInstance, square_edges
 from visualrhp.simulation import ContinuousActionSpace, DiscreteActionSpace, Physics, TransitionModel
 from visualrhp.streams import Split
 from visualrhp.types import State
@@ -64,7 +66,7 @@ def test_turning_beyond_the_wrist_is_invalid(first: TaskInstance) -> None:
     model = ReachableModel(first.scene, ContinuousActionSpace(), REACH)
     state = moved_gripper(first.state, (0.0, -0.2, 3.0))
     left, right = np.array([0.0, 0.0, 1.0, -1.0]), np.array([0.0, 0.0, -1.0, -1.0])
-    model.follow(first.scene, TurningRange(3.0, clockwise=2.0, counter_clockwise=1.0))
+    model.follow(first.scene, TurningRange(Mounting(), 0.13, (0.0, -0.2, 3.0), forwards=2.0, backwards=1.2))
     after = model.simulate(state, left).next_state  # 50 degrees, past the heading of 180
     with pytest.raises(SimulationError, match="wrist 3 cannot turn on by 50"):
         model.simulate(after, left)
@@ -73,6 +75,28 @@ def test_turning_beyond_the_wrist_is_invalid(first: TaskInstance) -> None:
         model.perturbed(0.05, 0.0, np.random.default_rng(0)).simulate(after, left)
     model.follow(first.scene)
     model.simulate(after, left)
+
+
+def test_in_perturbed_models_no_object_is_pushed_close_to_an_edge() -> None:
+    task = pushing_task()
+    space, forward = ContinuousActionSpace(), np.array([1.0, 0.0, 0.0, 1.0])
+    pushed = ReachableModel(task.scene, space).simulate(task.state, forward).next_state
+    x = float(pushed.object_positions[0, 0])
+    assert x > task.state.object_positions[0, 0] + 0.005
+    scene = Scene(task.scene.target, task.scene.objects, square_edges(2.0 * (x + 0.02)), task.scene.gripper)
+
+    def is_dropped(edge_margin: float, state: State, action: np.ndarray) -> list[bool]:
+        model = ReachableModel(scene, space, edge_margin=edge_margin)
+        assert not model.simulate(state, action).is_dropped
+        perturbed = [model.perturbed(0.0, 0.0, np.random.default_rng(seed)) for seed in range(8)]
+        transitions = [each.simulate(state, action) for each in perturbed]
+        assert all(each.reward == (-50.0 if each.is_dropped else -1.0) for each in transitions)
+        return [each.is_dropped for each in transitions]
+
+    assert not any(is_dropped(0.0, task.state, forward))
+    assert 0 < sum(is_dropped(0.04, task.state, forward)) < 8  # each model has its own part of the margin
+    assert sum(is_dropped(0.4, task.state, forward)) > 6
+    assert not any(is_dropped(0.4, pushed, -forward))  # it is left where it is
 
 
 def test_what_the_arm_cannot_do_is_invalid(first: TaskInstance, model: ReachableModel) -> None:

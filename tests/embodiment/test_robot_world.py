@@ -153,6 +153,24 @@ def test_a_motion_is_withheld_when_the_scene_changed_while_the_planner_thought()
     assert second.object_poses[0, 1] == pytest.approx(0.1)
 
 
+def test_a_motion_is_withheld_when_an_object_slipped_out_of_the_fingers():
+    """The fingers closed further after the view, and now they stand still: the planner decides on a new view."""
+    cell = PlanarCell(pushing_task())
+
+    def slip(number):
+        if number == 0:
+            state = cell.state
+            cell.state = State.create(
+                state.gripper_pose, state.gripper_opening - 0.02, state.gripper_closed, state.object_poses
+            )
+
+    world, result = run(cell, Scripted(FORWARD, FORWARD, before=slip))
+    assert [each.is_withheld for each in world.latencies][:2] == [True, False]
+    openings = [state.gripper_opening for state in result.episode.states[:2]]
+    assert openings[0] - openings[1] == pytest.approx(0.02)
+    assert result.success
+
+
 def test_a_scene_that_goes_on_changing_stops_the_robot():
     cell = PlanarCell(pushing_task())
 

@@ -20,14 +20,18 @@ from visualrhp.embodiment.kinematics import FLANGE, ArmKinematics
 from visualrhp.embodiment.packages import robot_package
 from visualrhp.embodiment.reach_computation import CollisionModel
 from visualrhp.embodiment.robot_cell import JointTrajectory
-from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT, HOME
-from visualrhp.embodiment.trajectories import timed
+from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT, GRIPPER_RADIUS, HOME
+from visualrhp.embodiment.trajectories import MotionParameters, timed
 from visualrhp.errors import UnreachableError
 from visualrhp.types import FloatArray
 
 CLEARANCE_HEIGHT: Final = 0.25
 """Height of the gripper's axis while it crosses the table [m]: more than that of the objects (20 cm) below its base."""
 
+ACROSS: Final = MotionParameters(speed=0.5, ramp_s=0.5, brake_s=0.5)
+"""How fast the arm crosses the table."""
+
+_ARM_LENGTH: Final = 0.85  # of a stretched UR5e, with which a turn of a joint moves the tool furthest [m]
 _STEP: Final = 0.01  # between poses of the tool [m]
 _TURN: Final = math.radians(3.0)  # [rad]
 _PERIOD: Final = 0.05  # of an iteration [s]: times the limit of the speed, the largest step of a joint
@@ -82,16 +86,14 @@ def approach(
         return np.stack([kinematics.inverse(*pose, near=above, height=height) for height in heights])
 
     ends = rising[-1], above
-    legs: tuple[tuple[Callable[[FloatArray], FloatArray], float], ...] = (
-        (_interpolated(rising), up - tool.height),
-        (lambda parts: ends[0] + parts[:, None] * (ends[1] - ends[0]), 0.0),
-        (descending, up - GRIPPER_HEIGHT),
+    turned = float(np.abs(ends[1] - ends[0]).max())
+    slow = kinematics.motion
+    legs: tuple[tuple[Callable[[FloatArray], FloatArray], float, MotionParameters], ...] = (
+        (_interpolated(rising), up - tool.height + GRIPPER_RADIUS * tool.tilt, slow),
+        (lambda parts: ends[0] + parts[:, None] * (ends[1] - ends[0]), _ARM_LENGTH * turned, ACROSS),
+        (descending, up - GRIPPER_HEIGHT, slow),
     )
-    rotations = (tool.tilt, float(np.abs(ends[1] - ends[0]).max()), 0.0)
-    trajectories = [
-        timed(curve, length, rotation, kinematics.limits, kinematics.motion)
-        for (curve, length), rotation in zip(legs, rotations, strict=True)
-    ]
+    trajectories = [timed(curve, length, kinematics.limits, motion) for curve, length, motion in legs]
     touching = collisions.touching(start)  # rising is the way out
     for name, trajectory in zip(("up", "across", "down"), trajectories, strict=True):
         _check_collisions(trajectory, collisions, name, touching if name == "up" else [])

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from visualrhp.embodiment.packages import robot_package
 from visualrhp.embodiment.reach import ReachMap, TurningRange, displacement_of
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory
-from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT, Mounting, arm_file, flange_to_gripper
+from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT, GRIPPER_RADIUS, Mounting, arm_file, flange_to_gripper
 from visualrhp.embodiment.trajectories import MotionParameters, timed
 from visualrhp.errors import UnreachableError
 from visualrhp.simulation.action_spaces import GripperMotion
@@ -32,8 +32,8 @@ STRAIGHT_ELBOW: Final = 0.5
 FOLDED_ELBOW: Final = 2.9
 """Largest angle of the elbow [rad]; the folded arm is singular at pi, and collides with itself before."""
 
-TURNING_MARGIN: Final = math.radians(25.0)
-"""By which joint 1 turns the gripper in two or three motions [rad], and so wrist 3 turns back or forth."""
+TURNING_MARGIN: Final = math.radians(3.0)
+"""Of wrist 3 to its limits [rad]: in the middle of a straight line, it may turn further than at both ends."""
 
 MAX_LEVEL_ERROR: Final = math.radians(4.0)
 """Largest difference [rad] between the joints at the start of a path and those that hold the gripper level at its
@@ -248,15 +248,15 @@ class ArmKinematics:
         return joints + turn * np.clip(np.round((near - joints) / turn), lowest, highest)
 
     def turning_range(self, joints: npt.ArrayLike) -> TurningRange:
-        """How far the gripper can turn from ``joints`` [6] [rad] before wrist 3 comes to its limit.
-
-        The flange points down, so the heading falls as wrist 3 turns forwards. It also turns with the rest of the arm,
-        for which :data:`TURNING_MARGIN` is left.
-        """
-        heading, wrist = self.forward(joints).theta, float(np.asarray(joints)[5])
-        clockwise = float(self.limits.upper[5]) - wrist - TURNING_MARGIN
-        counter_clockwise = wrist - float(self.limits.lower[5]) - TURNING_MARGIN
-        return TurningRange(heading, clockwise, counter_clockwise)
+        """How far wrist 3 can turn from ``joints`` [6] [rad], but for :data:`TURNING_MARGIN`."""
+        tool, wrist = self.forward(joints), float(np.asarray(joints)[5])
+        return TurningRange(
+            self.mounting,
+            self._lengths.lateral,
+            (tool.x, tool.y, tool.theta),
+            forwards=float(self.limits.upper[5]) - TURNING_MARGIN - wrist,
+            backwards=wrist - float(self.limits.lower[5]) - TURNING_MARGIN,
+        )
 
     # Paths
 
@@ -299,4 +299,5 @@ class ArmKinematics:
             joints = self._solutions(pose + parts[:, None] * displacement, GRIPPER_HEIGHT)
             return np.unwrap(joints, axis=0) + (level - first) + (1.0 - parts[:, None]) * error
 
-        return timed(curve, math.hypot(*displacement[:2]), displacement[2], self.limits, self.motion)
+        length = math.hypot(*displacement[:2]) + GRIPPER_RADIUS * abs(displacement[2])
+        return timed(curve, length, self.limits, self.motion)

@@ -38,7 +38,7 @@ class Kinematics(Protocol):
 
 @parameters
 class MotionLimits:
-    """What a commanded motion keeps to (issue of the execution phase, Kinematics). SI units.
+    """What a commanded motion keeps to. SI units.
 
     Attributes:
         max_duration_s: of one motion.

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
+import shapely
 
 from visualrhp.embodiment.reach import ReachMap, TurningRange
 from visualrhp.errors import SimulationError
 from visualrhp.scene.noise import perturb
 from visualrhp.scene.scene import Scene
+from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
 from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import Action, State, Transition
+
+_MOVED: Final = 1e-3
+"""Less is no motion of an object towards an edge [m]."""
 
 
 class ReachableModel:
@@ -28,16 +35,24 @@ class ReachableModel:
         action_space: of the planner.
         reach: what the arm can reach; None if it can reach everything.
         physics: of the simulator.
+        edge_margin: in perturbed models, an object that is pushed closer to an edge than a part of this counts as
+            dropped [m]: in three dimensions, it may tip or roll on.
 
     Attributes:
-        action_space, reach: as given.
+        action_space, reach, edge_margin: as given.
     """
 
     def __init__(
-        self, scene: Scene, action_space: ActionSpace, reach: ReachMap | None = None, physics: Physics | None = None
+        self,
+        scene: Scene,
+        action_space: ActionSpace,
+        reach: ReachMap | None = None,
+        physics: Physics | None = None,
+        edge_margin: float = 0.0,
     ) -> None:
         self.action_space = action_space
         self.reach = reach
+        self.edge_margin = edge_margin
         self._turning: TurningRange | None = None
         self._physics = physics or Physics()
         self._scene = scene
@@ -78,7 +93,7 @@ class ReachableModel:
         motion = self.action_space.motion(action)
         if self.reach is not None and not self.reach.allows(state.gripper_pose, motion):
             raise SimulationError(_unreachable(state, motion))
-        if self.turning is not None and not self.turning.allows(float(state.gripper_pose[2]), motion.rotation):
+        if self.turning is not None and not self.turning.allows(state.gripper_pose, motion):
             raise SimulationError(f"wrist 3 cannot turn on by {math.degrees(motion.rotation):.1f} degrees")
         return self.transition_model.simulate(state, action)
 
@@ -110,6 +125,7 @@ class PerturbedReachableModel(ReachableModel):
 
     def __init__(self, nominal: ReachableModel, relative_std: float, turning_std: float, seed: int) -> None:
         super().__init__(nominal.scene, nominal.action_space, nominal.reach, nominal._physics)
+        self.edge_margin = nominal.edge_margin * float(np.random.default_rng([seed, 1]).uniform())
         self._nominal, self._perturbation, self._seed = nominal, (relative_std, turning_std), seed
         self._perturbed_from: Scene | None = None
 
@@ -132,12 +148,28 @@ class PerturbedReachableModel(ReachableModel):
         """Let the nominal model follow ``scene``; this one does so, too."""
         self._nominal.follow(scene, turning)
 
+    def simulate(self, state: State, action: Action) -> Transition:
+        """As of the nominal model, but that an object which is pushed into the margin at an edge is dropped."""
+        transition = super().simulate(state, action)
+        if transition.is_dropped or not _nears_edge(self.scene, state, transition.next_state, self.edge_margin):
+            return transition
+        return replace(transition, reward=rules.reward(dropped=True), is_goal=False, is_dropped=True)
+
     @property
     def transition_model(self) -> TransitionModel:
         scene = self.scene
         if self._model is None or self._model.scene is not scene:
             self._model = TransitionModel(scene, self.action_space, self._physics)
         return self._model
+
+
+def _nears_edge(scene: Scene, before: State, after: State, margin: float) -> bool:
+    """Whether an object is closer to the edges than ``margin`` [m], and closer than it was before."""
+    if margin <= 0.0:
+        return False
+    border = shapely.LinearRing(scene.edges)
+    first, last = (shapely.distance(border, shapely.points(state.object_positions)) for state in (before, after))
+    return bool(((last < margin) & (last < first - _MOVED)).any())
 
 
 def _unreachable(state: State, motion: GripperMotion) -> str:

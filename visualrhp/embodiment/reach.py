@@ -62,26 +62,44 @@ def geometry_of(mounting: Mounting) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class TurningRange:
-    """How far the gripper can turn before wrist 3 comes to its limit, which the map does not know.
+    """How far wrist 3 can turn from where it is before it comes to its limit, which the map does not know.
 
-    A state has no winding: headings are told apart up to half a turn from the present one, which is more than the
-    roll-outs of receding horizon planning turn.
+    The flange points down, so the heading is that of joint 1 minus the angle of wrist 3. A state has no winding:
+    headings are told apart up to half a turn from the present one, more than the roll-outs of receding horizon planning
+    turn.
 
     Attributes:
-        heading: the present one [rad].
-        clockwise: largest turn [rad].
-        counter_clockwise: largest turn [rad].
+        mounting: of the arm.
+        lateral: distance of the flange's axis from the plane of the upper arm and the forearm [m].
+        pose: [3] the present one of the gripper frame (x [m], y [m], theta [rad]).
+        forwards: largest turn of wrist 3 [rad], by which the gripper turns clockwise.
+        backwards: the same in the other direction [rad].
     """
 
-    heading: float
-    clockwise: float
-    counter_clockwise: float
+    mounting: Mounting
+    lateral: float
+    pose: tuple[float, float, float]
+    forwards: float
+    backwards: float
 
-    def allows(self, heading: float, rotation: float) -> bool:
-        """Whether the gripper can turn by ``rotation`` from ``heading`` [rad]; back towards the present one always."""
-        turned = float(wrap_angle(heading - self.heading))
-        after = turned + rotation
-        return -self.clockwise <= after <= self.counter_clockwise or abs(after) < abs(turned)
+    def allows(self, pose: FloatArray, motion: GripperMotion) -> bool:
+        """Whether wrist 3 can make ``motion`` from ``pose`` [3]; it can always turn back from a limit."""
+        x, y, theta = pose.tolist()
+        dx, dy, rotation = displacement_of(theta, motion).tolist()
+        turned = self._wrist(x, y, theta)
+        after = turned + self._pan(x + dx, y + dy, theta + rotation) - self._pan(x, y, theta) - rotation
+        return min(-self.backwards, turned) <= after <= max(self.forwards, turned)
+
+    def _wrist(self, x: float, y: float, theta: float) -> float:
+        """Angle of wrist 3, against the present one."""
+        turn = float(wrap_angle(theta - self.pose[2]))
+        return float(wrap_angle(self._pan(x, y, theta) - self._pan(*self.pose))) - turn
+
+    def _pan(self, x: float, y: float, theta: float) -> float:
+        """Direction of the arm's plane [rad]."""
+        across = x - FLANGE_BEHIND * math.cos(theta) - self.mounting.x
+        up = y - FLANGE_BEHIND * math.sin(theta) - self.mounting.y
+        return math.atan2(up, across) - math.asin(min(1.0, self.lateral / math.hypot(across, up)))
 
 
 @dataclass(frozen=True, eq=False)

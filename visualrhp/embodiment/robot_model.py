@@ -53,6 +53,9 @@ CELL_GRIPPER: Final = Gripper(
 )
 """The planner's outline of the 2F-85 with the bracket: fingers with their linkages, and the base with the plate."""
 
+GRIPPER_RADIUS: Final = float(np.hypot(*CELL_GRIPPER.palm.T).max())
+"""Distance of the gripper's outermost point, at the back of the bracket, from the gripper frame's origin [m]."""
+
 HOME: Final = (-0.2508, -1.1629, 2.027, -2.4349, -1.5708, 0.0)
 """Joint positions [rad] with the elbow up and the flange pointing down above the centre of the table (default
 :class:`Mounting`), from which searches for a solution start. Wrist 3 is in the middle of its range: the gripper faces

@@ -188,9 +188,10 @@ class RobotWorld(World):
             raise CellFault("the robot has moved and has not looked since; an action needs a view")
         if self._is_current(sight):
             return sight
+        is_gripped = self._is_gripped_as_in(sight)
         self._renew()
         assert self.sight is not None
-        if self._looker.agree(sight.view, self.sight.view):
+        if is_gripped and self._looker.agree(sight.view, self.sight.view):
             return self.sight
         self.latencies[-1].is_withheld = True
         self.latencies.append(StepLatency())
@@ -202,20 +203,26 @@ class RobotWorld(World):
         return None
 
     def _is_current(self, sight: Sight) -> bool:
-        """Whether a view is young enough to act on; the robot must not have moved since.
+        """Whether a view can be acted on: it is young, and nothing between the fingers has slipped; the robot must not
+        have moved since.
 
         Raises:
-            CellFault: the arm or the fingers have moved without a command.
+            CellFault: the arm has moved without a command.
         """
         limits = self._cell.limits
-        arm, gripper = self._cell.arm(), self._cell.gripper()
+        arm = self._cell.arm()
         if (drift := float(np.abs(arm.positions - sight.arm.positions).max())) > limits.max_drift:
             raise CellFault(f"the arm moved by {drift:.3f} rad without a command")
-        if not self._cell.is_still(arm) or gripper.is_moving:
-            raise CellFault("the robot is moving without a command")
-        if (drift := abs(gripper.opening - sight.gripper.opening)) > limits.max_opening_drift:
-            raise CellFault(f"the fingers moved by {1e3 * drift:.1f} mm without a command")
-        return self._looker.age(sight) <= limits.max_view_age_s
+        if not self._cell.is_still(arm):
+            raise CellFault("the arm is moving without a command")
+        return self._is_gripped_as_in(sight) and self._looker.age(sight) <= limits.max_view_age_s
+
+    def _is_gripped_as_in(self, sight: Sight) -> bool:
+        """Whether the fingers are where they were: they close further when an object slips away between them."""
+        gripper = self._cell.gripper()
+        return not gripper.is_moving and (
+            abs(gripper.opening - sight.gripper.opening) <= self._cell.limits.max_opening_drift
+        )
 
     # ---------------------------------------------------------------------------------------------------------- faults
     @contextmanager

@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from visualrhp.embodiment.approach import CLEARANCE_HEIGHT
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory
-from visualrhp.embodiment.robot_model import Mounting
+from visualrhp.embodiment.robot_model import GRIPPER_RADIUS, Mounting
 from visualrhp.embodiment.trajectories import MotionParameters, timed
 from visualrhp.errors import UnreachableError
 from visualrhp.types import FloatArray
@@ -25,8 +25,11 @@ from visualrhp.types import FloatArray
 ASIDE: Final = math.radians(105.0)
 """Direction, from the base, of the gripper when the arm is aside, against the direction to the table [rad]."""
 
-SURVEY_MOTION: Final = MotionParameters(speed=0.2, rotation_speed=1.2, ramp_s=0.5)
-"""How fast the arm gets out of the way: nothing is pushed."""
+RISE: Final = MotionParameters(speed=0.2, ramp_s=0.5, brake_s=0.5)
+"""How fast the gripper rises."""
+
+TURN: Final = MotionParameters(speed=0.8, ramp_s=0.5, brake_s=0.5)
+"""How fast the arm then turns aside, above all objects."""
 
 MOST_LEAN: Final = 0.06
 """By how much the gripper moves back towards the base at most while it rises, where the arm is stretched [m]."""
@@ -68,15 +71,16 @@ def survey_motions(kinematics: TallKinematics, start: FloatArray) -> tuple[Joint
     path, rise = _rising(kinematics, start)
     places = np.linspace(0.0, 1.0, len(path))
     tool = kinematics.forward(start)
-    direction = math.atan2(tool.y - kinematics.mounting.y, tool.x - kinematics.mounting.x)
+    away = tool.x - kinematics.mounting.x, tool.y - kinematics.mounting.y
+    direction, radius = math.atan2(away[1], away[0]), math.hypot(*away) + GRIPPER_RADIUS
     turn = math.copysign(ASIDE, direction) - direction
 
     def aside(parts: FloatArray) -> FloatArray:
         return path[-1] + parts[:, None] * np.array([turn, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     return (
-        timed(PchipInterpolator(places, path), rise, 0.0, kinematics.limits, SURVEY_MOTION),
-        timed(aside, 0.0, turn, kinematics.limits, SURVEY_MOTION),
+        timed(PchipInterpolator(places, path), rise, kinematics.limits, RISE),
+        timed(aside, radius * abs(turn), kinematics.limits, TURN),
     )
 
 

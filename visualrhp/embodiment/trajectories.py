@@ -21,43 +21,44 @@ class MotionParameters:
     """How fast the tool moves.
 
     Attributes:
-        speed: largest speed of the gripper frame's origin along its line [m/s].
-        rotation_speed: largest rate of its heading [rad/s].
-        ramp_s: time from rest to full speed, and from full speed to rest [s]. Fruit rolls on if the gripper brakes
-            faster than the table brakes the fruit, by 3 to 8 cm at 0.15 m/s and 0.25 s, and hardly at the defaults.
+        speed: largest speed of the point of the tool that moves furthest [m/s].
+        ramp_s: time from rest to full speed [s].
+        brake_s: time from full speed to rest [s]. Fruit rolls on if the gripper brakes faster than the table brakes the
+            fruit: a sphere of 4 cm radius, whose rolling friction is 1 mm, loses 0.17 m/s in a second.
         period_s: largest time between samples of a trajectory [s]; 8 ms are the cycle of many robot controllers.
     """
 
     speed: Positive = 0.1
-    rotation_speed: Positive = 1.0
-    ramp_s: Positive = 0.5
+    ramp_s: Positive = 0.3
+    brake_s: Positive = 1.0
     period_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008
 
 
-def progress(times: FloatArray, duration: float, ramp: float) -> FloatArray:
+def progress(times: FloatArray, duration: float, ramp: float, brake: float) -> FloatArray:
     """The part of a motion [K] that is done at ``times`` [K] [s]: from 0 to 1, at rest at both ends.
 
-    The speed rises as (1 - cos) / 2 in ``ramp`` seconds, is constant, and falls in the same way; speed and acceleration
-    are continuous. The largest speed is 1 / (duration - ramp), the largest acceleration pi / 2 / ramp times as much.
+    The speed rises as (1 - cos) / 2 in ``ramp`` seconds, is constant, and falls in the same way in ``brake`` seconds;
+    speed and acceleration are continuous. The largest speed is 1 / (duration - (ramp + brake) / 2), the largest
+    acceleration pi / 2 / ramp times as much.
 
     Args:
         times: within [0, duration].
-        duration: of the motion [s], at least twice the ramp.
-        ramp: duration of a ramp [s].
+        duration: of the motion [s], at least ``ramp + brake``.
+        ramp: duration of the acceleration [s].
+        brake: duration of the deceleration [s].
     """
 
-    def risen(t: FloatArray) -> FloatArray:
+    def risen(t: FloatArray, ramp: float) -> FloatArray:
         return 0.5 * t - 0.5 * ramp / np.pi * np.sin(np.pi * t / ramp)
 
-    rising, falling = risen(np.minimum(times, ramp)), risen(np.minimum(duration - times, ramp))
-    cruising = np.clip(times, ramp, duration - ramp) - ramp
-    return (rising + cruising + 0.5 * ramp - falling) / (duration - ramp)
+    rising, falling = risen(np.minimum(times, ramp), ramp), risen(np.minimum(duration - times, brake), brake)
+    cruising = np.clip(times, ramp, duration - brake) - ramp
+    return (rising + cruising + 0.5 * brake - falling) / (duration - 0.5 * (ramp + brake))
 
 
 def timed(
     curve: Callable[[FloatArray], FloatArray],
     length: float,
-    rotation: float,
     limits: ArmLimits,
     motion: MotionParameters | None = None,
 ) -> JointTrajectory:
@@ -65,8 +66,7 @@ def timed(
 
     Args:
         curve: joint positions [K, 6] [rad] at the parts [K] of the path, from 0 to 1; smooth.
-        length: of the line of the tool [m].
-        rotation: change of its heading [rad].
+        length: of the way of the point of the tool that moves furthest [m].
         limits: of the joints.
         motion: how fast the tool may be.
 
@@ -74,19 +74,21 @@ def timed(
         UnreachableError: a position is outside the limits, not finite, or not reached within the limits of the speed.
     """
     motion = motion or MotionParameters()
-    ramp = motion.ramp_s
-    duration = max(length / motion.speed, abs(rotation) / motion.rotation_speed, ramp) + ramp
+    ramp, brake = motion.ramp_s, motion.brake_s
+    mean_ramp = 0.5 * (ramp + brake)
+    duration = max(length / motion.speed, mean_ramp) + mean_ramp
     while duration < _LONGEST:
         times = np.linspace(0.0, duration, max(int(np.ceil(duration / motion.period_s)), 2) + 1)
-        trajectory = JointTrajectory(times, curve(progress(times, duration, ramp)))
+        trajectory = JointTrajectory(times, curve(progress(times, duration, ramp, brake)))
         _check_positions(trajectory, limits)
         excess = _excess(trajectory, limits)
         if excess <= 1.0:
             return trajectory
-        duration, ramp = 1.02 * excess * duration, 1.02 * excess * ramp
+        slower = 1.02 * excess
+        duration, ramp, brake = slower * duration, slower * ramp, slower * brake
     raise UnreachableError(
-        f"a joint would move faster than its limit in a motion of {length:.3f} m and {rotation:.3f} rad, or the motion "
-        f"would take longer than {_LONGEST:g} s: the path jumps in the joints"
+        f"a joint would move faster than its limit in a motion of {length:.3f} m, or the motion would "
+        f"take longer than {_LONGEST:g} s: the path jumps in the joints"
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from visualrhp.errors import ConfigError, DataError
 from visualrhp.evaluation.episodes import RESULT_COLUMNS, episode_row
@@ -50,7 +50,7 @@ def wilson_interval(num_successes: int, num_trials: int, confidence: float = CON
         raise ConfigError(f"{num_successes} successes of {num_trials} trials: successes range from 0 to the trials")
     if num_trials == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    z = float(stats.norm.ppf(0.5 + confidence / 2.0))
+    z = float(special.ndtri(0.5 + confidence / 2.0))
     rate = num_successes / num_trials
     scale = 1.0 + z**2 / num_trials
     centre = (rate + z**2 / (2.0 * num_trials)) / scale
@@ -75,7 +75,7 @@ def mean_interval(values: npt.ArrayLike, confidence: float = CONFIDENCE) -> Esti
     mean = float(samples.mean())
     if count == 1:
         return Estimate(mean, math.nan, math.nan, 1)
-    half = float(stats.t.ppf(0.5 + confidence / 2.0, count - 1) * samples.std(ddof=1) / math.sqrt(count))
+    half = float(special.stdtrit(count - 1, 0.5 + confidence / 2.0) * samples.std(ddof=1) / math.sqrt(count))
     return Estimate(mean, mean - half, mean + half, count)
 
 

@@ -151,7 +151,7 @@ def test_a_push_moves_an_object_by_what_is_pushed(kinematics, thing) -> None:
 
 
 def test_fruit_rolls_on_after_a_fast_push_only_and_a_box_never_does(kinematics) -> None:
-    fast = ArmKinematics(motion=MotionParameters(speed=0.15, ramp_s=0.25))
+    fast = ArmKinematics(motion=MotionParameters(speed=0.15, ramp_s=0.25, brake_s=0.25))
     travelled = {}
     for arm in (fast, kinematics):
         for thing in (ORANGE, BOX):

@@ -43,7 +43,9 @@ MIN_VISIBLE_PIXELS: Final = 30
 """An object of which fewer pixels are visible is not in the ground truth of a frame."""
 
 _OPENING_OF_CONTROL: Final = ((0.0, 0.0852), (100.0, 0.0536), (200.0, 0.0177), (255.0, 0.0004))
-_MOVING: Final = 0.002  # fingers faster than this are moving [m/s]
+_MOVING: Final = 0.005
+"""Fingers that are faster are moving [m/s]. Pads that hold fruit at its edge creep at 2 to 3 mm/s, until it slips away;
+the 2F-85, whose slowest commanded speed is 20 mm/s, reports an object and a stop."""
 
 
 @dataclass(frozen=True)
