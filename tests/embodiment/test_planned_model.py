@@ -19,7 +19,7 @@ from visualrhp.errors import ActionError, SimulationError
 from visualrhp.planning.planner import PlanningModel
 from visualrhp.scene.noise import perturb
 from visualrhp.scene.sampling import SceneDistribution, sample_task_instance
-from visualrhp.scene.scene import Scene, TaskInstance, square_edges
+from visualrhp.scene.scene import Scene, TargetRegion, TaskInstance, square_edges
 from visualrhp.simulation import ContinuousActionSpace, DiscreteActionSpace, Physics, TransitionModel
 from visualrhp.streams import Split
 from visualrhp.types import State
@@ -78,12 +78,13 @@ def test_turning_beyond_the_wrist_is_invalid(first: TaskInstance) -> None:
 
 
 def test_in_perturbed_models_no_object_is_pushed_close_to_an_edge() -> None:
-    task = pushing_task()
+    task = pushing_task(target_x=0.0)
     space, forward = ContinuousActionSpace(), np.array([1.0, 0.0, 0.0, 1.0])
     pushed = ReachableModel(task.scene, space).simulate(task.state, forward).next_state
     x = float(pushed.object_positions[0, 0])
     assert x > task.state.object_positions[0, 0] + 0.005
-    scene = Scene(task.scene.target, task.scene.objects, square_edges(2.0 * (x + 0.02)), task.scene.gripper)
+    shifted = square_edges(0.5) + (x + 0.02 - 0.25, 0.0)
+    scene = Scene(TargetRegion(np.array([x, 0.1]), 0.05), task.scene.objects, shifted, task.scene.gripper)
 
     def is_dropped(edge_margin: float, state: State, action: np.ndarray) -> list[bool]:
         model = ReachableModel(scene, space, edge_margin=edge_margin)

@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from visualrhp.embodiment.packages import robot_package
-from visualrhp.scene.gripper import Gripper
+from visualrhp.scene.gripper import GRIPPERS
 from visualrhp.types import FloatArray
 
 GRIPPER_FRAME_DISTANCE: Final = 0.145
@@ -42,16 +42,8 @@ FLANGE_ABOVE: Final = 0.11
 PLATE: Final = 0.012
 """Thickness of the bracket's plates [m]."""
 
-CELL_GRIPPER: Final = Gripper(
-    stroke=0.085,
-    finger_reach=0.02,
-    finger_length=0.065,
-    finger_thickness=0.0315,
-    palm_length=0.112,
-    palm_front_width=0.12,
-    palm_back_width=0.085,
-)
-"""The planner's outline of the 2F-85 with the bracket: fingers with their linkages, and the base with the plate."""
+CELL_GRIPPER: Final = GRIPPERS["cell"]
+"""The planner's outline of the 2F-85 with the bracket."""
 
 GRIPPER_RADIUS: Final = float(np.hypot(*CELL_GRIPPER.palm.T).max())
 """Distance of the gripper's outermost point, at the back of the bracket, from the gripper frame's origin [m]."""

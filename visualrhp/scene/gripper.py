@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -76,3 +77,21 @@ class Gripper:
             to_world(self.finger(1) + shift, pose),
             to_world(self.finger(-1) - shift, pose),
         )
+
+
+GripperName = Literal["paper", "cell"]
+
+GRIPPERS: Final[dict[GripperName, Gripper]] = {
+    "paper": Gripper(),
+    "cell": Gripper(
+        stroke=0.085,
+        finger_reach=0.02,
+        finger_length=0.065,
+        finger_thickness=0.0315,
+        palm_length=0.112,
+        palm_front_width=0.12,
+        palm_back_width=0.085,
+    ),
+}
+"""``paper``: that of footnote 3; ``cell``: the 2F-85 of the robot cell, seen from above: fingers with their linkages,
+and the base with the bracket that holds it level (docs/execution.md)."""

@@ -12,7 +12,7 @@ import shapely
 from visualrhp.errors import ConfigError
 from visualrhp.parameters import AsRange, AsTuple, Field, parameters
 from visualrhp.scene import geometry
-from visualrhp.scene.gripper import Gripper
+from visualrhp.scene.gripper import GRIPPERS, GripperName
 from visualrhp.scene.placement import CORNER_DISTANCE as CORNER_DISTANCE
 from visualrhp.scene.placement import place_objects, sample_position
 from visualrhp.scene.polygons import MAX_COORDINATE
@@ -102,6 +102,7 @@ class SceneDistribution:
         start_distance: range of the distance of the gripper frame's origin from its edge at the start.
         start_angle: largest deviation of the gripper's heading from the inward normal of its edge [rad].
         layout: see :data:`Layout`.
+        gripper: see :data:`~visualrhp.scene.gripper.GRIPPERS`.
 
     Raises:
         ConfigError: a parameter is out of range, or no instances can be found: the clearance leaves no room, the target
@@ -119,6 +120,7 @@ class SceneDistribution:
     start_distance: Annotated[tuple[Place, Place], AsTuple] = (0.01, 0.05)
     start_angle: Annotated[float, Field(ge=0, le=3.1416)] = np.pi / 6
     layout: Layout = "uniform"
+    gripper: GripperName = "paper"
 
     def __post_init__(self) -> None:
         for name in ("num_objects", "num_vertices", "start_distance"):
@@ -208,7 +210,7 @@ def sample_task_instance(distribution: SceneDistribution, seed: int, split: Spli
     rng = generator_for(seed, split, index, Stream.INSTANCE)
     num_objects = _sample_num_objects(distribution, rng)
     edges = square_edges(distribution.surface_side)
-    gripper = Gripper()
+    gripper = GRIPPERS[distribution.gripper]
     for _ in range(ATTEMPTS_PER_SCENE):
         target = TargetRegion(_sample_target(distribution, edges, rng), distribution.target_radius)
         outlines = [_sample_outline(distribution, rng) for _ in range(num_objects)]
