@@ -1,9 +1,12 @@
 """Episodes of a robot cell: looks, motions, latencies, and what it does when the scene changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.embodiment.planar_cell import PlanarCell, PlanarKinematics, PlanarPerception, planar_task, pushing_task
+from visualrhp.embodiment.robot_model import GRIPPER_HEIGHT
 from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.embodiment.true_state import TruePerception
 from visualrhp.errors import ActionError, CellFault, UnreachableError
@@ -169,6 +172,22 @@ def test_a_motion_is_withheld_when_an_object_slipped_out_of_the_fingers():
     openings = [state.gripper_opening for state in result.episode.states[:2]]
     assert openings[0] - openings[1] == pytest.approx(0.02)
     assert result.success
+
+
+def test_a_gripper_that_comes_to_rest_on_something_after_a_survey_stops_the_robot():
+    class OnTop(PlanarKinematics):
+        def forward(self, positions):
+            return replace(super().forward(positions), height=GRIPPER_HEIGHT + 0.005)
+
+    def survey(joints):
+        return ()
+
+    cell = PlanarCell(pushing_task())
+    make_world(cell, survey=survey).observe()
+    world = RobotWorld(cell, PlanarPerception(cell), OnTop(), CONTINUOUS, survey=survey)
+    with pytest.raises(CellFault, match=r"\+5.0 mm of its height"):
+        world.observe()
+    assert world.fault
 
 
 def test_a_scene_that_goes_on_changing_stops_the_robot():

@@ -19,6 +19,7 @@ from visualrhp.scene import (
     placement,
     sample_task_instance,
 )
+from visualrhp.scene.gripper import GRIPPERS, GripperName
 from visualrhp.scene.sampling import CORNER_DISTANCE, EDGE_DISTANCE, SIZE_CLASSES, sampled_num_objects
 from visualrhp.streams import Split, Stream, generator_for
 from visualrhp.types import ObjectSize
@@ -64,6 +65,14 @@ def test_an_instance_depends_on_seed_split_and_index_alone() -> None:
 def test_streams_of_one_index_are_independent() -> None:
     streams = [generator_for(0, Split.TUNING, 3, use) for use in (Stream.INSTANCE, Stream.PLANNER, Stream.NOISE)]
     assert len({stream.integers(2**63) for stream in streams}) == 3
+
+
+@pytest.mark.parametrize("name", GRIPPERS)
+def test_every_gripper_starts_clear_of_the_objects(name: GripperName) -> None:
+    for index in range(20):
+        instance = sample_task_instance(SceneDistribution(gripper=name), 0, Split.TUNING, index)
+        assert instance.scene.gripper == GRIPPERS[name]
+        check_start(instance.scene, instance.state)
 
 
 def test_number_of_objects_is_uniform_over_its_range() -> None:

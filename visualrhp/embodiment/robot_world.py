@@ -25,7 +25,7 @@ from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMas
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
 from visualrhp.embodiment.prediction import is_goal_unseen, with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
-from visualrhp.embodiment.robot_model import CELL_GRIPPER
+from visualrhp.embodiment.robot_model import CELL_GRIPPER, GRIPPER_HEIGHT
 from visualrhp.embodiment.survey import backwards
 from visualrhp.embodiment.watchdog import WatchdogLimits, WatchedCell
 from visualrhp.errors import ActionError, CellFault, PerceptionError, UnreachableError, VisualRHPError
@@ -125,7 +125,11 @@ class RobotWorld(World):
         latency.model_s += time.perf_counter() - started
 
     def _survey(self, motions: SurveyMotions, latency: StepLatency) -> None:
-        """Show the camera the table without the arm, which returns the way it came."""
+        """Show the camera the table without the arm, which returns the way it came.
+
+        Raises:
+            CellFault: something is in the place to which the gripper returns.
+        """
         try:
             legs = motions(self._cell.rest()[0].positions)
         except UnreachableError:
@@ -135,6 +139,11 @@ class RobotWorld(World):
         self._looker.look(None, self._closed, latency)
         for leg in reversed(legs):
             execute(self._cell, backwards(leg), None)
+        above = self._kinematics.forward(self._cell.arm().positions).height - GRIPPER_HEIGHT
+        if abs(above) > self._motion_limits.max_deviation:
+            raise CellFault(
+                f"the gripper returned to {1e3 * above:+.1f} mm of its height: an object moved into its place meanwhile"
+            )
 
     # ------------------------------------------------------------------------------------------------------------ act
     def act(self, action: Action) -> None:
