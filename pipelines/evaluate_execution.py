@@ -106,7 +106,7 @@ def evaluate(config: EvaluateExecutionConfig, work: Path, run: Run) -> Path:
     _log.info(
         "%s, %s, %s objects: success %.3f as seen, %.3f in truth, of %d episodes.",
         setting.planner,
-        config.segmenter.name,
+        setting.experiment,
         setting.scene_num_objects,
         seen,
         true,
@@ -188,7 +188,7 @@ def metrics_of(executions) -> dict[str, float | None]:
 
 
 def setting_of(config: EvaluateExecutionConfig) -> Setting:
-    """The columns of the setting in the table of episodes; the experiment is the segmenter."""
+    """The columns of the setting in the table of episodes; the experiment is segmenter or world."""
     from dataclasses import asdict
 
     from visualrhp.evaluation.episodes import Setting
@@ -198,7 +198,7 @@ def setting_of(config: EvaluateExecutionConfig) -> Setting:
     assert cell.name == "simulated"
     low, high = cell.num_objects
     return Setting(
-        experiment=config.segmenter.name,
+        experiment=config.segmenter.name if config.world == "cell" else config.world,
         **asdict(Method.of(config.planner)),
         action_space=config.action_space.name,
         scene_num_objects=str(low) if low == high else f"{low}-{high}",

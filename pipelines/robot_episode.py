@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from pipelines.config import ExecutionVideoConfig, RobotConfig
+    from pipelines.config import EvaluateExecutionConfig, ExecutionVideoConfig, RobotConfig
     from pipelines.robots import Robot
     from visualrhp.embodiment.dry_run import DryRunWorld, PlannedMotion
     from visualrhp.embodiment.film import FilmedCell, FilmRecorder
     from visualrhp.embodiment.looking import SeenScene
+    from visualrhp.embodiment.planar_world import PlanarWorld
     from visualrhp.embodiment.robot_world import RobotWorld
     from visualrhp.execution import EpisodeResult
     from visualrhp.rendering.video import Frame
@@ -89,9 +90,11 @@ def _run(
     config: RobotConfig, index: int, robot: Robot, dry_run: bool, video: ExecutionVideoConfig | None
 ) -> RobotEpisode:
     from pipelines.planners import build_planner, find_network, released_for_robot
-    from pipelines.robots import make_dry_run, make_model, make_world
+    from pipelines.robots import make_dry_run, make_model, make_planar_world, make_world
     from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.guarded_planner import GuardedPlanner
+    from visualrhp.embodiment.planar_world import PlanarWorld
+    from visualrhp.embodiment.robot_world import RobotWorld
     from visualrhp.execution import run_episode
     from visualrhp.simulation.action_spaces import make_action_space
     from visualrhp.streams import Split, Stream, generator_for
@@ -100,14 +103,17 @@ def _run(
     filmed = None if video is None else _filmed(robot, video.fps)
     if filmed is not None:
         robot = replace(robot, cell=filmed)
-    world = make_dry_run(config, robot, space) if dry_run else make_world(config, robot, space)
+    if getattr(config, "world", "cell") != "cell":
+        world = make_planar_world(cast("EvaluateExecutionConfig", config), robot, space)
+    else:
+        world = make_dry_run(config, robot, space) if dry_run else make_world(config, robot, space)
     begun, cell_begun = time.perf_counter(), robot.cell.now()
     model = make_model(config, robot, world, space)
     num_objects = model.scene.num_objects
     folder = released_for_robot(config.planner, space.name, config.heuristics, num_objects)
     network = find_network(config.planner, space.name, folder, num_objects)
     planner = build_planner(config.planner, space.name, num_objects, network)
-    if not isinstance(world, DryRunWorld):
+    if isinstance(world, RobotWorld):
         planner = GuardedPlanner(planner, world.stop)
     rng = generator_for(config.seed, Split.EVALUATION, index, Stream.PLANNER)
     recorder = None if video is None or filmed is None else _recorder(config, robot, filmed, world, video)
@@ -120,12 +126,24 @@ def _run(
     return RobotEpisode(
         result,
         actions,
-        None if dry_run else robot.true_end(),
+        None if dry_run else true_end(world) if isinstance(world, PlanarWorld) else robot.true_end(),
         tuple(world.motions) if isinstance(world, DryRunWorld) else (),
         time.perf_counter() - begun,
         robot.cell.now() - cell_begun,
         () if recorder is None else tuple(recorder.frames),
     )
+
+
+def true_end(world: PlanarWorld) -> dict[str, Any]:
+    """As :meth:`pipelines.robots.Robot.true_end`, of a task in the planner's simulator."""
+    from visualrhp.simulation import rules
+
+    scene, state = world.observe()
+    return {
+        "success": rules.is_goal(scene, state) and not rules.is_dropped(scene, state),
+        "distance_to_target": float(np.hypot(*(state.desired_position - scene.target.position))),
+        "fallen": rules.dropped_objects(scene, state),
+    }
 
 
 def title_of(config: RobotConfig) -> str:

@@ -13,12 +13,13 @@ import numpy as np
 from visualrhp.errors import ConfigError
 
 if TYPE_CHECKING:
-    from pipelines.config import RobotConfig, SegmenterConfig, UrRtdeCellConfig
+    from pipelines.config import EvaluateExecutionConfig, RobotConfig, SegmenterConfig, UrRtdeCellConfig
     from visualrhp.embodiment.camera import Camera
     from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.kinematics import ArmKinematics
     from visualrhp.embodiment.looking import Perceiver, RobotMask
     from visualrhp.embodiment.perception import DesiredObject
+    from visualrhp.embodiment.planar_world import PlanarWorld
     from visualrhp.embodiment.planned_model import ReachableModel
     from visualrhp.embodiment.robot_cell import RobotCell
     from visualrhp.embodiment.robot_model import Mounting
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from visualrhp.embodiment.ur_rtde_cell import UrRtdeCell
     from visualrhp.scene.scene import Scene
     from visualrhp.simulation.action_spaces import ActionSpace
-    from visualrhp.types import State
+    from visualrhp.types import FloatArray, State
 
 
 @dataclass
@@ -236,21 +237,47 @@ def make_dry_run(config: RobotConfig, robot: Robot, space: ActionSpace) -> DryRu
     )
 
 
+def make_planar_world(config: EvaluateExecutionConfig, robot: Robot, space: ActionSpace) -> PlanarWorld:
+    """The task of ``robot``'s simulated cell in the planner's simulator, as ``config.world`` says."""
+    from visualrhp.embodiment.planar_world import PlanarWorld
+
+    assert robot.simulated is not None
+    truth, things = robot.simulated.truth(), robot.simulated.task.objects
+    with_arm, with_friction = config.world in ("arm", "friction"), config.world == "friction"
+    return PlanarWorld(
+        truth.scene,
+        truth.state,
+        space,
+        config.physics,
+        frictions=[thing.friction for thing in things] if with_friction else None,
+        masses=[thing.mass for thing in things] if with_friction else None,
+        kinematics=robot.kinematics if with_arm else None,
+        joints=robot.cell.arm().positions,
+    )
+
+
 def make_model(
-    config: RobotConfig, robot: Robot, world: RobotWorld | DryRunWorld, space: ActionSpace
+    config: RobotConfig, robot: Robot, world: RobotWorld | DryRunWorld | PlanarWorld, space: ActionSpace
 ) -> ReachableModel:
     """The planner's model of what ``world`` sees: it plans with what the arm can reach, and follows the scene."""
+    from visualrhp.embodiment.planar_world import PlanarWorld
     from visualrhp.embodiment.planned_model import ReachableModel
     from visualrhp.embodiment.robot_world import RobotWorld
 
+    def joints() -> FloatArray | None:
+        return world.joints if isinstance(world, PlanarWorld) else robot.cell.arm().positions
+
     scene, _ = world.observe()
-    model = ReachableModel(scene, space, robot.kinematics.reach, config.physics, config.safety.edge_margin)
+    reach = None if joints() is None else robot.kinematics.reach
+    model = ReachableModel(scene, space, reach, config.physics, config.safety.edge_margin)
 
     def follow(scene: Scene) -> None:
-        model.follow(scene, robot.kinematics.turning_range(robot.cell.arm().positions))
+        positions = joints()
+        model.follow(scene, None if positions is None else robot.kinematics.turning_range(positions))
 
     follow(scene)
-    if isinstance(world, RobotWorld):
+    if isinstance(world, RobotWorld | PlanarWorld):
         world.followers.append(follow)
+    if isinstance(world, RobotWorld):
         world.imagine = lambda state, action: model.transition_model.advance(state, action)
     return model

@@ -168,9 +168,13 @@ class EvaluateExecutionConfig(RobotConfig):
 
     Attributes:
         num_episodes: number of cells, the same for every method.
+        world: in which the episodes run: the ``cell``; or the planner's simulator with the cell's tasks, to tell what
+            each step costs (:class:`visualrhp.embodiment.planar_world.PlanarWorld`): ``simulator``; with what the arm
+            can reach, too, ``arm``; and with the cell's friction and masses, too, ``friction``.
     """
 
     num_episodes: Count
+    world: Literal["cell", "simulator", "arm", "friction"]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -178,3 +182,5 @@ class EvaluateExecutionConfig(RobotConfig):
             raise ValueError("cell=simulated is needed: tasks of real cells are not sampled.")
         if self.desired is not None:
             raise ValueError("desired must be null: every task has its desired object.")
+        if self.world != "cell" and self.segmenter.name != "true_state":
+            raise ValueError(f"world={self.world} needs segmenter=true_state: there is no camera in it.")
