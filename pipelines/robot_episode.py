@@ -116,7 +116,9 @@ def _run(
     if isinstance(world, RobotWorld):
         planner = GuardedPlanner(planner, world.stop)
     rng = generator_for(config.seed, Split.EVALUATION, index, Stream.PLANNER)
-    recorder = None if video is None or filmed is None else _recorder(config, robot, filmed, world, video)
+    recorder = None
+    if video is not None and filmed is not None and not isinstance(world, PlanarWorld):
+        recorder = _recorder(config, robot, filmed, world, video)
     result = run_episode(planner, world, model, rng, recorder)
     actions = [asdict(latency) for latency in world.latencies]
     for step, timed in zip(actions, result.decisions, strict=False):

@@ -310,9 +310,10 @@ def test_the_turning_range_knows_how_far_wrist_3_turns() -> None:
     rng, num_motions = np.random.default_rng(0), 0
     while num_motions < 60:
         try:
-            joints = KINEMATICS.inverse(*rng.uniform(-0.2, 0.2, 2), rng.uniform(-np.pi, np.pi), near=HOME)
+            x, y, theta, *steps = (rng.uniform(-1.0, 1.0, 9) * (0.2, 0.2, np.pi, *([0.1, 0.1, 0.8] * 2))).tolist()
+            joints = KINEMATICS.inverse(x, y, theta, near=HOME)
             poses, ways = [pose_at(joints)], [joints]
-            motions = [GripperMotion(*rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.8, 0.8)) for _ in range(2)]
+            motions = [GripperMotion(forward, left, turn) for forward, left, turn in (steps[:3], steps[3:])]
             for motion in motions:
                 ways.append(KINEMATICS.path(ways[-1], motion).positions[-1])
                 poses.append(pose_at(ways[-1]))
