@@ -75,12 +75,12 @@ def test_workers_end_with_the_process_that_was_killed(tmp_path: Path) -> None:
     assert not alive
 
 
-@pytest.mark.parametrize("number", [1, 5])
-def test_killed_stages_give_the_same_results_and_runs(tmp_path: Path, number: int) -> None:
+@pytest.mark.parametrize(("number", "kills"), [(1, 1), (5, 2)])
+def test_killed_stages_give_the_same_results_and_runs(tmp_path: Path, number: int, kills: int) -> None:
     """A training and an evaluation, tracked by MLflow."""
     inputs = make_inputs(tmp_path / "inputs", STAGES[:1]) if number == 1 else tmp_path
-    tally = torture(STAGES[number], inputs, tmp_path, 2, random.Random(number))
-    assert tally.kills == 2
+    tally = torture(STAGES[number], inputs, tmp_path, kills, random.Random(number))
+    assert tally.kills == kills
     assert tally.differences == []
 
 
