@@ -172,6 +172,15 @@ def test_many_episodes_are_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert sum(rate for name, rate in metrics.items() if name.startswith("outcome/")) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("world", ["simulator", "arm", "friction"])
+def test_the_tasks_run_in_the_planners_simulator_too(world: str) -> None:
+    unit = evaluate_execution.Unit(configure_many(f"world={world}"), 1)
+    key, row = evaluate_execution.run_unit(unit)
+    assert key == "1" and row["episode"]["num_actions"] == row["execution"]["num_actions"] > 0
+    assert row["execution"]["true_success"] == (row["episode"]["outcome"] == "success")
+    assert evaluate_execution.setting_of(unit.config).experiment == world
+
+
 @pytest.mark.parametrize("error", [CellFault("the arm does not answer"), PerceptionError("no orange")])
 def test_a_robot_that_stops_at_its_first_look_is_a_row(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     def failing(config: Any, index: int) -> Any:
@@ -185,7 +194,12 @@ def test_a_robot_that_stops_at_its_first_look_is_a_row(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize(
-    ("overrides", "words"), [(["desired=orange"], "desired must be null"), (["num_episodes=0"], "num_episodes")]
+    ("overrides", "words"),
+    [
+        (["desired=orange"], "desired must be null"),
+        (["num_episodes=0"], "num_episodes"),
+        (["world=arm", "segmenter=true_masks"], "world=arm needs segmenter=true_state"),
+    ],
 )
 def test_mistakes_in_an_evaluation_are_named(overrides: list[str], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
