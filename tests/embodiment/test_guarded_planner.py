@@ -5,9 +5,12 @@ import pytest
 
 from tests.embodiment.planar_cell import pushing_task
 from visualrhp.embodiment.guarded_planner import GuardedPlanner
+from visualrhp.embodiment.planned_model import ReachableModel
+from visualrhp.embodiment.reach import ReachMap
 from visualrhp.errors import CellFault, PerceptionError
 from visualrhp.planning.planner import Decision, Planner
 from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.types import State
 
 TASK = pushing_task()
 MODEL = TransitionModel(TASK.scene, make_action_space("continuous"))
@@ -66,3 +69,20 @@ def test_faults_of_the_cell_pass():
 
     with pytest.raises(PerceptionError, match="black"):
         GuardedPlanner(Made(faulty), lambda reason: None).start(MODEL, np.random.default_rng(0))(TASK.state)
+
+
+@pytest.mark.parametrize("name", ["continuous", "discrete"])
+def test_a_motion_that_the_arm_cannot_make_is_replaced_by_a_similar_one(name):
+    space = make_action_space(name)
+    model = ReachableModel(TASK.scene, space, ReachMap.load())
+    backward = np.array([-1.0, 0.0, 0.0, -1.0]) if name == "continuous" else 1
+    near_the_base = State.create([-0.19, 0.0, 0.0], 0.085, False, TASK.state.object_poses)
+    assert model.motion_fault(near_the_base, backward) is not None
+
+    def instead(state):
+        planner = GuardedPlanner(Made(lambda state: Decision(backward)), lambda reason: None)
+        return planner.start(model, np.random.default_rng(0))(state).action
+
+    assert model.motion_fault(near_the_base, instead(near_the_base)) is None
+    in_the_middle = State.create([0.0, 0.1, 0.0], 0.085, False, TASK.state.object_poses)
+    assert np.array_equal(instead(in_the_middle), backward), "what the arm can do is done"

@@ -90,12 +90,23 @@ class ReachableModel:
             SceneError: the numbers of objects in the state and the scene differ.
             SimulationError: the physics diverged, or the arm cannot make this motion.
         """
+        fault = self.motion_fault(state, action)
+        if fault is not None:
+            raise SimulationError(fault)
+        return self.transition_model.simulate(state, action)
+
+    def motion_fault(self, state: State, action: Action) -> str | None:
+        """Why the arm cannot make the motion of ``action`` in ``state``; None if it can.
+
+        Raises:
+            ActionError: the action is not in the action space.
+        """
         motion = self.action_space.motion(action)
         if self.reach is not None and not self.reach.allows(state.gripper_pose, motion):
-            raise SimulationError(_unreachable(state, motion))
+            return _unreachable(state, motion)
         if self.turning is not None and not self.turning.allows(state.gripper_pose, motion):
-            raise SimulationError(f"wrist 3 cannot turn on by {math.degrees(motion.rotation):.1f} degrees")
-        return self.transition_model.simulate(state, action)
+            return f"wrist 3 cannot turn on by {math.degrees(motion.rotation):.1f} degrees"
+        return None
 
     def is_goal(self, state: State) -> bool:
         """Whether ``state`` is valid and has the desired object in the target region."""
