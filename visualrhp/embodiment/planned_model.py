@@ -19,7 +19,7 @@ from visualrhp.simulation.physics import Physics
 from visualrhp.simulation.transition_model import TransitionModel
 from visualrhp.types import Action, State, Transition
 
-_MOVED: Final = 1e-3
+_MOVED: Final = 1e-2
 """Less is no motion of an object towards an edge [m]."""
 
 
