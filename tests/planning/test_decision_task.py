@@ -236,6 +236,10 @@ def test_resampling_goes_on_while_the_best_rollout_drops_in_a_perturbed_model() 
     decision = planner(heuristic, n=1, h=1, num_perturbed_models=1, max_resamplings=4).plan(world, at(4), rng())
     assert [rollout.actions for rollout in decision.rollouts[:2]] == [(LEFT,), (LEFT,)]
     assert decision.action != LEFT and decision.rollouts[-1].robust_return is not None
+    options = {"num_perturbed_models": 1, "max_resamplings": 4, "tolerated_drops": 1}
+    heuristic = ScriptedHeuristic({3: 50.0}, script=[LEFT])
+    tolerant = planner(heuristic, n=1, h=1, **options).plan(world, at(4), rng())
+    assert [rollout.actions for rollout in tolerant.rollouts] == [(LEFT,)]
 
 
 def test_perturbed_states_are_those_of_all_rollouts_of_a_decision() -> None:

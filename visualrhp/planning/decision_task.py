@@ -53,6 +53,7 @@ class RecedingHorizonParameters:
         turning_perturbation: the same of the resistance of the surface to turning.
         position_perturbation: standard deviation of the objects' x and y at the start of their roll-outs [m].
         angle_perturbation: the same of the objects' angles [rad].
+        tolerated_drops: in how many perturbed models a roll-out may drop an object before it is bad.
         judgement: return of a roll-out in these models and the nominal one: their ``mean``, or the ``worst``.
         name: in tables and figures; "RHP {n}x{h}" by default.
 
@@ -76,6 +77,7 @@ class RecedingHorizonParameters:
     turning_perturbation: NonNegative = 0.0
     position_perturbation: NonNegative = 0.0
     angle_perturbation: NonNegative = 0.0
+    tolerated_drops: Index = 0
     judgement: Literal["mean", "worst"] = "mean"
     name: str = ""
 
@@ -201,7 +203,8 @@ class DecisionTask:
         finished = [replay.finish(self.planner.discount) for replay in replays]
         returns = [rollout.total_return, *(each.total_return for each in finished)]
         robust_return = min(returns) if self.planner.judgement == "worst" else sum(returns) / len(returns)
-        is_bad = any(replay.is_dropped for replay in replays) or any(each.is_diverged for each in finished)
+        num_drops = sum(replay.is_dropped for replay in replays)
+        is_bad = num_drops > self.planner.tolerated_drops or any(each.is_diverged for each in finished)
         self.rollouts[best] = (replace(rollout, robust_return=robust_return), is_bad)
 
     def has_failed(self) -> bool:
