@@ -216,14 +216,14 @@ def input_hashes(config: EvaluateExecutionConfig) -> dict[str, str]:
         CheckpointError: a network is missing.
     """
     from pipelines.networks import NetworkFile
-    from pipelines.planners import find_network, fixes_num_objects, network_name, released_for_robot
+    from pipelines.planners import find_network, fixes_num_objects, network_name, released_where_untrained
 
     cell, space = config.cell, config.action_space.name
     assert cell.name == "simulated"
     low, high = cell.num_objects
     hashes: dict[str, str] = {}
     for m in range(low, high + 1) if fixes_num_objects(config.planner) else (low,):
-        folder = released_for_robot(config.planner, space, config.heuristics, m)
+        folder = released_where_untrained(config.planner, space, config.heuristics, m)
         path = find_network(config.planner, space, folder, m)
         if path is not None:
             name = network_name(path, config.paths.outputs, folder)

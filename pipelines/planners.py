@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -23,11 +22,7 @@ from visualrhp.types import ActionSpaceName
 
 _log = logging.getLogger(__name__)
 
-RELEASED: Final = {
-    "pretrained": pretrained_folder("best"),
-    "pretrained_paper": pretrained_folder("paper"),
-    "pretrained_robot": pretrained_folder("robot"),
-}
+RELEASED: Final = {"pretrained": pretrained_folder("best"), "pretrained_paper": pretrained_folder("paper")}
 """Names of the folders with the released networks."""
 
 
@@ -103,30 +98,11 @@ def released_where_untrained(
         return heuristics
     trained = needed_network(config, action_space, None, num_objects)
     if trained is not None and not os.path.lexists(trained):
-        folder = _released(config, action_space, num_objects, ("pretrained", "pretrained_paper"))
-        if folder is not None:
-            _tell_released(trained, folder)
-        return folder
-    return None
-
-
-def released_for_robot(
-    config: PlannerConfig, action_space: ActionSpaceName, heuristics: str | None, num_objects: int
-) -> str | None:
-    """The folder of the networks: ``heuristics``; if it is None, the released ones, those for the robot first."""
-    if heuristics is not None:
-        return heuristics
-    return _released(config, action_space, num_objects, ("pretrained_robot", "pretrained", "pretrained_paper"))
-
-
-def _released(
-    config: PlannerConfig, action_space: ActionSpaceName, num_objects: int, folders: Sequence[str]
-) -> str | None:
-    """The first folder that has the network; None if none has it, or none is needed."""
-    for folder in folders:
-        path = needed_network(config, action_space, folder, num_objects)
-        if path is not None and path.is_file():
-            return folder
+        for folder in RELEASED:
+            path = needed_network(config, action_space, folder, num_objects)
+            if path is not None and path.is_file():
+                _tell_released(trained, folder)
+                return folder
     return None
 
 

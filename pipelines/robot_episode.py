@@ -89,7 +89,7 @@ def run_robot(
 def _run(
     config: RobotConfig, index: int, robot: Robot, dry_run: bool, video: ExecutionVideoConfig | None
 ) -> RobotEpisode:
-    from pipelines.planners import build_planner, find_network, released_for_robot
+    from pipelines.planners import build_planner, find_network, released_where_untrained
     from pipelines.robots import make_dry_run, make_model, make_planar_world, make_world
     from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.guarded_planner import GuardedPlanner
@@ -110,7 +110,7 @@ def _run(
     begun, cell_begun = time.perf_counter(), robot.cell.now()
     model = make_model(config, robot, world, space)
     num_objects = model.scene.num_objects
-    folder = released_for_robot(config.planner, space.name, config.heuristics, num_objects)
+    folder = released_where_untrained(config.planner, space.name, config.heuristics, num_objects)
     network = find_network(config.planner, space.name, folder, num_objects)
     planner = build_planner(config.planner, space.name, num_objects, network)
     if isinstance(world, RobotWorld):

@@ -91,7 +91,7 @@ class RobotConfig(PipelineConfig):
     """What the pipelines of the execution phase share.
 
     Attributes:
-        heuristics: folder with the networks of all planners; null for the released ones, those for the robot first.
+        heuristics: folder with the networks of all planners; null for those of the planner.
         desired: kind of the desired object; null for that of a simulated cell's task.
         desired_which: of several of its kind, the one that is the n-th closest to the robot's base, from 0.
         physics: of the planner's model.

@@ -12,7 +12,7 @@ import torch
 
 from pipelines import play as pipeline
 from pipelines.config import PlayConfig
-from pipelines.planners import build_planner, find_network, needed_network, released_for_robot, released_where_untrained
+from pipelines.planners import build_planner, find_network, needed_network, released_where_untrained
 from pipelines.workflow.app import CONFIG_FOLDER, compose
 from tests.rendering.fake_window import FakeTime, FakeToolkit
 from visualrhp.errors import CheckpointError, ConfigError, SceneError
@@ -27,7 +27,6 @@ from visualrhp.rendering.window import Window, ppm
 from visualrhp.scene import NOISE_LEVELS, Scene, SceneDistribution, sample_task_instance, save_task_instance
 from visualrhp.simulation import make_action_space
 from visualrhp.streams import Split
-from visualrhp.types import ActionSpaceName
 
 SETTINGS = (
     "scale=smoke",
@@ -156,23 +155,6 @@ def test_where_nothing_was_trained_the_released_networks_play(
     config = configure(f"planner={planner}", f"paths.outputs={tmp_path}")
     assert released_where_untrained(config.planner, "continuous", config.heuristics, num_objects) == expected
     assert released_where_untrained(config.planner, "continuous", "elsewhere", num_objects) == "elsewhere"
-
-
-@pytest.mark.parametrize(
-    ("planner", "space", "num_objects", "expected"),
-    [
-        ("visual_rhp_plus_robot", "continuous", 5, "pretrained_robot"),
-        ("greedy", "continuous", 5, "pretrained_robot"),
-        ("cartesian_rhp", "continuous", 8, None),
-        ("kinodynamic_rrt", "continuous", 5, None),
-    ],
-)
-def test_a_robot_has_networks_for_its_gripper(
-    planner: str, space: ActionSpaceName, num_objects: int, expected: str | None
-) -> None:
-    config = configure(f"planner={planner}")
-    assert released_for_robot(config.planner, space, None, num_objects) == expected
-    assert released_for_robot(config.planner, space, "elsewhere", num_objects) == "elsewhere"
 
 
 def test_names_of_files_tell_planners_apart() -> None:

@@ -50,7 +50,7 @@ def test_what_was_not_released_is_an_error_that_lists_what_was() -> None:
         load_pretrained("continuous", "cartesian", 8, procedure="paper")
     with pytest.raises(ConfigError, match="num_objects is missing"):
         load_pretrained("continuous", "cartesian")
-    with pytest.raises(ConfigError, match="choose best or paper or robot"):
+    with pytest.raises(ConfigError, match="choose best or paper"):
         pretrained_folder("good")  # pyright: ignore[reportArgumentType]
 
 

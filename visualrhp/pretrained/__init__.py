@@ -1,10 +1,9 @@
 """Released networks: trained heuristics of both action spaces and both observations, with their cards.
 
-There are three procedures: ``paper``, the paper's training (imitation, then DQN or C3PO); ``best``, with expert
-iteration on top; and ``robot``, with further expert iteration for the gripper of the robot cell. The files
-``<procedure>/<action space>/<observation>/heuristic*.safetensors`` and ``.json`` have the layout of the outputs of the
-pipelines; the cards say from which commit, configuration, seed and data a network comes, and how good it is on which
-task instances.
+There are two procedures: ``best``, expert iteration on top of the paper's training, and ``paper``, the paper's training
+alone (imitation, then DQN or C3PO). ``<procedure>/<action space>/<observation>/heuristic*.safetensors`` and ``.json``
+have the layout of the outputs of the pipelines; the cards say from which commit, configuration, seed and data a network
+comes, and how good it is on which task instances.
 """
 
 from visualrhp.pretrained.release import PROCEDURES, Procedure, load_pretrained, pretrained_folder, pretrained_path

@@ -12,9 +12,8 @@ from visualrhp.heuristics.learned import DEFAULT_TEMPERATURE, LearnedHeuristic
 from visualrhp.observation import make_observation, observation_class
 from visualrhp.types import ActionSpaceName
 
-Procedure = Literal["best", "paper", "robot"]
-"""How a network was trained: ``best``, with expert iteration; ``paper``, as in the paper; ``robot``, as ``best``, and
-then for the gripper of the robot cell."""
+Procedure = Literal["best", "paper"]
+"""How a network was trained: ``best``, with expert iteration; ``paper``, as in the paper."""
 
 PROCEDURES: Final[tuple[Procedure, ...]] = get_args(Procedure)
 
@@ -32,7 +31,7 @@ def load_pretrained(
         action_space: ``continuous`` or ``discrete``.
         observation: ``image``, or ``cartesian``, which has one network for each number of objects (Sec. 7.5).
         num_objects: m, for Cartesian features only.
-        procedure: ``best``, ``paper`` or ``robot``.
+        procedure: ``best`` or ``paper``.
         temperature: tau of Eq. 2 (discrete action space).
 
     Raises:
