@@ -83,7 +83,7 @@ class SafetyConfig:
     look: LookLimits
     survey: bool
     tool: MotionParameters
-    edge_margin: NonNegative = 0.04
+    edge_margin: NonNegative
 
 
 @parameters
