@@ -174,20 +174,17 @@ def test_a_motion_is_withheld_when_an_object_slipped_out_of_the_fingers():
     assert result.success
 
 
-def test_a_gripper_that_comes_to_rest_on_something_after_a_survey_stops_the_robot():
+def test_a_gripper_that_stands_on_something_stops_the_robot():
     class OnTop(PlanarKinematics):
         def forward(self, positions):
             return replace(super().forward(positions), height=GRIPPER_HEIGHT + 0.005)
 
-    def survey(joints):
-        return ()
-
     cell = PlanarCell(pushing_task())
-    make_world(cell, survey=survey).observe()
-    world = RobotWorld(cell, PlanarPerception(cell), OnTop(), CONTINUOUS, survey=survey)
-    with pytest.raises(CellFault, match=r"\+5.0 mm of its height"):
-        world.observe()
-    assert world.fault
+    world = RobotWorld(cell, PlanarPerception(cell), OnTop(), CONTINUOUS)
+    world.observe()
+    with pytest.raises(CellFault, match=r"\+5.0 mm from its height"):
+        world.act(FORWARD)
+    assert world.fault and not cell.is_moving
 
 
 def test_a_scene_that_goes_on_changing_stops_the_robot():

@@ -31,6 +31,7 @@ from visualrhp.embodiment.watchdog import WatchdogLimits, WatchedCell
 from visualrhp.errors import ActionError, CellFault, PerceptionError, UnreachableError, VisualRHPError
 from visualrhp.execution.world import World
 from visualrhp.scene.scene import Scene
+from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
 from visualrhp.types import Action, FloatArray, State
 
@@ -113,8 +114,11 @@ class RobotWorld(World):
             self._survey(self._survey_motions, latency)
         sight = self._looker.look(self.last_sight, self._closed, latency)
         if self._survey_motions is not None and is_goal_unseen(sight.view):
-            self._survey(self._survey_motions, latency)
-            sight = self._looker.look(self.last_sight, self._closed, latency)
+            aside = self._survey(self._survey_motions, latency)
+            if aside is not None and rules.is_goal(aside.view.scene, aside.view.state):
+                sight = aside
+            else:
+                sight = self._looker.look(self.last_sight, self._closed, latency)
         if self._predicted is not None and self.last_sight is not None and not self._looker.places_hidden:
             view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
             sight = replace(sight, view=view)
@@ -124,26 +128,22 @@ class RobotWorld(World):
             follow(self.sight.view.scene)
         latency.model_s += time.perf_counter() - started
 
-    def _survey(self, motions: SurveyMotions, latency: StepLatency) -> None:
-        """Show the camera the table without the arm, which returns the way it came.
+    def _survey(self, motions: SurveyMotions, latency: StepLatency) -> Sight | None:
+        """Show the camera the table without the arm, which then returns the way it came; the view without the arm.
 
-        Raises:
-            CellFault: something is in the place to which the gripper returns.
+        The arm stays aside if the goal is reached. None if it cannot move aside; what it does not hide is all there is.
         """
         try:
             legs = motions(self._cell.rest()[0].positions)
         except UnreachableError:
-            return  # the first view is of what the arm does not hide
+            return None
         for leg in legs:
             execute(self._cell, leg, None)
-        self._looker.look(None, self._closed, latency)
-        for leg in reversed(legs):
-            execute(self._cell, backwards(leg), None)
-        above = self._kinematics.forward(self._cell.arm().positions).height - GRIPPER_HEIGHT
-        if abs(above) > self._motion_limits.max_deviation:
-            raise CellFault(
-                f"the gripper returned to {1e3 * above:+.1f} mm of its height: an object moved into its place meanwhile"
-            )
+        sight = self._looker.look(None, self._closed, latency)
+        if not rules.is_goal(sight.view.scene, sight.view.state):
+            for leg in reversed(legs):
+                execute(self._cell, backwards(leg), None)
+        return sight
 
     # ------------------------------------------------------------------------------------------------------------ act
     def act(self, action: Action) -> None:
@@ -186,6 +186,9 @@ class RobotWorld(World):
         if motion.forward == motion.left == motion.rotation == 0.0:
             return None
         arm = self._cell.arm()
+        above = self._kinematics.forward(arm.positions).height - GRIPPER_HEIGHT
+        if abs(above) > self._motion_limits.max_deviation:
+            raise CellFault(f"the gripper is {1e3 * above:+.1f} mm from its height: it stands on something, or is held")
         trajectory = self._kinematics.path(arm.positions, motion)
         check_trajectory(trajectory, arm, motion, self._kinematics, self._motion_limits, self._cell.arm_limits)
         return trajectory
