@@ -1,6 +1,7 @@
 """Episodes of a robot cell: looks, motions, latencies, and what it does when the scene changes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from visualrhp.execution import run_episode
 from visualrhp.planning.planner import Decision, Planner
 from visualrhp.scene.scene import TaskInstance
 from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.simulation.action_spaces import GripperMotion
 from visualrhp.types import State
 
 CONTINUOUS = make_action_space("continuous")
@@ -227,3 +229,34 @@ def test_random_episodes_end_in_a_named_state(index):
     world.close()
     world.close()
     assert result.outcome in ("success", "dropped", "out of actions", "unreachable") and not cell.is_moving
+
+
+class Hiding:
+    """The arm hides the first object unless it is aside: there, ``shift`` shows where the object really is."""
+
+    needs_camera = True
+
+    def __init__(self, cell, shift):
+        self.cell, self.shift = cell, shift
+
+    def perceive(self, frame, arm, gripper, closed):
+        seen = PlanarPerception(self.cell).perceive(frame, arm, gripper, closed)
+        is_aside = seen.state.gripper_pose[1] > 0.3
+        state = moved(seen.state, self.shift) if is_aside else seen.state
+        track = SimpleNamespace(id=0, is_hidden=not is_aside, is_held=False, is_dropped=False)
+        return SimpleNamespace(scene=seen.scene, state=state, tracks=(track,))
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.2])
+def test_a_goal_that_the_arm_hides_is_looked_at_from_aside(shift):
+    """The arm stays there if the goal is reached, and returns if it is not."""
+    task = pushing_task(target_x=-0.06)  # the object lies in the target region
+    cell = PlanarCell(task)
+    aside = PlanarKinematics().path(cell.arm().positions, GripperMotion(left=0.1))
+    legs = [aside]
+    for _ in range(3):
+        legs.append(PlanarKinematics().path(legs[-1].positions[-1], GripperMotion(left=0.1)))
+    world = make_world(cell, Hiding(cell, shift), survey=lambda joints: legs)
+    _, state = world.observe()
+    assert (state.gripper_pose[1] > 0.3) == (shift == 0.0)
+    assert world.fault is None and not cell.is_moving
