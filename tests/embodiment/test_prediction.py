@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.embodiment.planar_cell import PlanarCell, PlanarKinematics, PlanarPerception, planar_task
-from visualrhp.embodiment.prediction import is_goal_unseen, with_hidden_predicted
+from visualrhp.embodiment.prediction import is_desired_hidden, is_holding, seems_reached, with_hidden_predicted
 from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.scene.scene import Scene
 from visualrhp.simulation import TransitionModel, make_action_space
@@ -120,20 +120,14 @@ def test_a_robot_that_hides_what_it_pushes_believes_its_model():
     np.testing.assert_allclose(perception.expected[-1][0], state.object_poses[0], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("is_hidden", "is_held", "distance", "expected"),
-    [
-        (True, False, 0.03, True),
-        (True, True, 0.03, False),
-        (False, False, 0.03, False),
-        (True, False, 0.1, False),
-    ],
-)
-def test_a_goal_that_the_arm_hides_is_unseen(is_hidden, is_held, distance, expected) -> None:
-    scene = TASK.scene
+@pytest.mark.parametrize("distance", [0.03, 0.1])
+@pytest.mark.parametrize(("is_hidden", "is_held"), [(True, False), (False, True), (False, False)])
+def test_what_a_view_tells_of_the_goal(is_hidden, is_held, distance) -> None:
     poses = TASK.state.object_poses.copy()
-    poses[0, :2] = scene.target.position + (distance, 0.0)
+    poses[0, :2] = TASK.scene.target.position + (distance, 0.0)
     state = State.create(TASK.state.gripper_pose, 0.085, False, poses)
-    track = SimpleNamespace(is_hidden=is_hidden, is_held=is_held)
-    assert is_goal_unseen(SimpleNamespace(scene=scene, state=state, tracks=(track,))) is expected
-    assert not is_goal_unseen(SimpleNamespace(scene=scene, state=state))
+    view = View(TASK.scene, state, (Track(0, is_hidden, is_held), Track(1, True, False)))
+    assert seems_reached(view) == (distance < 0.07)
+    assert (is_desired_hidden(view), is_holding(view)) == (is_hidden, is_held)
+    without = SimpleNamespace(scene=TASK.scene, state=state)
+    assert not seems_reached(without) and not is_desired_hidden(without) and not is_holding(without)

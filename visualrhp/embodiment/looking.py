@@ -65,6 +65,7 @@ class LookLimits:
         max_looks: at a scene that is not as expected, until two looks in succession agree.
         same_position: distance of an object between two views that agree [m].
         max_displacement: of an object by one action; more is looked at again [m].
+        max_hidden: looks in succession in which the arm hides the desired object, before it moves aside.
         max_withheld: actions in succession that are withheld since the scene changed, before the robot is stopped.
     """
 
@@ -75,6 +76,7 @@ class LookLimits:
     max_looks: Count = 8
     same_position: Positive = 0.012
     max_displacement: Positive = 0.25
+    max_hidden: Count = 3
     max_withheld: Count = 3
 
 

@@ -48,16 +48,24 @@ def with_hidden_predicted(view: V, last: Any, predicted: State) -> V:
     return dataclasses.replace(entries, state=changed)
 
 
-def is_goal_unseen(view: Any) -> bool:
-    """Whether the goal is reached as far as is predicted, and the arm, which holds nothing, hides the desired object.
+def seems_reached(view: Any) -> bool:
+    """Whether the goal is reached in a view with tracks: the arm may cover the desired object, or a part of it.
 
     Args:
         view: as of :func:`with_hidden_predicted`; one without tracks sees everything.
     """
+    return bool(getattr(view, "tracks", None)) and rules.is_goal(view.scene, view.state)
+
+
+def is_desired_hidden(view: Any) -> bool:
+    """Whether the arm hides the desired object; ``view`` as of :func:`seems_reached`."""
     tracks = getattr(view, "tracks", None)
-    if not tracks or not tracks[0].is_hidden or any(track.is_held for track in tracks):
-        return False
-    return rules.is_goal(view.scene, view.state)
+    return bool(tracks) and tracks[0].is_hidden
+
+
+def is_holding(view: Any) -> bool:
+    """Whether the gripper seems to hold an object; ``view`` as of :func:`seems_reached`."""
+    return any(track.is_held for track in getattr(view, "tracks", None) or ())
 
 
 def _kept_inside(pose: FloatArray, scene: Scene) -> FloatArray:

@@ -23,7 +23,7 @@ import numpy as np
 
 from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, Sight, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
-from visualrhp.embodiment.prediction import is_goal_unseen, with_hidden_predicted
+from visualrhp.embodiment.prediction import is_desired_hidden, is_holding, seems_reached, with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER, GRIPPER_HEIGHT
 from visualrhp.embodiment.survey import backwards
@@ -51,8 +51,9 @@ class RobotWorld(World):
         watchdog, motion, look: limits.
         robot_mask, host_clock: see :class:`~visualrhp.embodiment.looking.Looker`.
         survey: returns the motions out of the camera's sight, from joint positions [6]
-            (:func:`~visualrhp.embodiment.survey.survey_motions`). They precede the first view, and a goal that the arm
-            hides; the arm then returns the way it came. None to see only what the arm does not hide.
+            (:func:`~visualrhp.embodiment.survey.survey_motions`). They precede the first view, and the view of a goal,
+            or of a desired object that was hidden for ``LookLimits.max_hidden`` looks; the arm then returns the way it
+            came, but from a goal. None to see only what the arm does not hide.
 
     Attributes:
         imagine: the state after an action, by the planner's model: a function of (state, action) in the scene of the
@@ -96,7 +97,7 @@ class RobotWorld(World):
         self._closed = closed
         self._motion_limits = motion or MotionLimits()
         self._survey_motions = survey
-        self._num_withheld = 0
+        self._num_withheld = self._num_hidden = 0
         self._predicted: State | None = None
 
     # -------------------------------------------------------------------------------------------------------- observe
@@ -110,15 +111,16 @@ class RobotWorld(World):
     def _renew(self) -> None:
         """Look, and tell the followers."""
         latency = self.latencies[-1]
-        if self.last_sight is None and self._survey_motions is not None and self._looker.needs_camera:
-            self._survey(self._survey_motions, latency)
-        sight = self._looker.look(self.last_sight, self._closed, latency)
-        if self._survey_motions is not None and is_goal_unseen(sight.view):
-            aside = self._survey(self._survey_motions, latency)
-            if aside is not None and rules.is_goal(aside.view.scene, aside.view.state):
-                sight = aside
-            else:
-                sight = self._looker.look(self.last_sight, self._closed, latency)
+        motions = self._survey_motions if self._looker.needs_camera else None
+        aside = self._survey(motions, latency) if motions is not None and self.last_sight is None else None
+        if aside is not None and _is_goal(aside):
+            sight = aside
+        else:
+            sight = self._looker.look(self.last_sight, self._closed, latency)
+            self._num_hidden = self._num_hidden + 1 if is_desired_hidden(sight.view) else 0
+            is_lost = self._num_hidden >= self._looker.limits.max_hidden
+            if motions is not None and (is_lost or seems_reached(sight.view)):
+                sight = self._from_aside(motions, sight, latency)
         if self._predicted is not None and self.last_sight is not None and not self._looker.places_hidden:
             view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
             sight = replace(sight, view=view)
@@ -127,6 +129,17 @@ class RobotWorld(World):
         for follow in self.followers:
             follow(self.sight.view.scene)
         latency.model_s += time.perf_counter() - started
+
+    def _from_aside(self, motions: SurveyMotions, sight: Sight, latency: StepLatency) -> Sight:
+        """Look without the arm, which lets go of what it holds; then look again, unless the goal is reached."""
+        self._num_hidden = 0
+        if is_holding(sight.view) and self._closed:
+            self._closed = False
+            execute(self._cell, None, self._cell.stroke)
+        aside = self._survey(motions, latency)
+        if aside is not None and _is_goal(aside):
+            return aside
+        return self._looker.look(self.last_sight, self._closed, latency)
 
     def _survey(self, motions: SurveyMotions, latency: StepLatency) -> Sight | None:
         """Show the camera the table without the arm, which then returns the way it came; the view without the arm.
@@ -140,7 +153,7 @@ class RobotWorld(World):
         for leg in legs:
             execute(self._cell, leg, None)
         sight = self._looker.look(None, self._closed, latency)
-        if not rules.is_goal(sight.view.scene, sight.view.state):
+        if not _is_goal(sight):
             for leg in reversed(legs):
                 execute(self._cell, backwards(leg), None)
         return sight
@@ -261,3 +274,7 @@ class RobotWorld(World):
     def close(self) -> None:
         """Stop the robot, and release the cell."""
         self._cell.close()
+
+
+def _is_goal(sight: Sight) -> bool:
+    return rules.is_goal(sight.view.scene, sight.view.state)
