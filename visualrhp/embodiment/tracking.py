@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
+from visualrhp.embodiment.merging import split
 from visualrhp.embodiment.occlusion import HiddenRegion
 from visualrhp.embodiment.outlines import Silhouette
 from visualrhp.embodiment.registration import overlap, register_part, register_whole
@@ -155,6 +156,7 @@ class Tracker:
             PerceptionError: an object is gone that nothing hides and that was not close to an edge.
         """
         expected = [self._expected_poses(track, gripper) for track in self._tracks]
+        silhouettes = split(silhouettes, self._tracks, expected)
         pairs = self._assigned(silhouettes, expected, hidden)
         lost: list[Track] = []
         for number, track in enumerate(list(self._tracks)):
