@@ -263,6 +263,7 @@ def make_model(
     from visualrhp.embodiment.planar_world import PlanarWorld
     from visualrhp.embodiment.planned_model import ReachableModel
     from visualrhp.embodiment.robot_world import RobotWorld
+    from visualrhp.simulation import MAX_EPISODE_ACTIONS
 
     def joints() -> FloatArray | None:
         return world.joints if isinstance(world, PlanarWorld) else robot.cell.arm().positions
@@ -272,6 +273,8 @@ def make_model(
     model = ReachableModel(scene, space, reach, config.physics, config.safety.edge_margin)
 
     def follow(scene: Scene) -> None:
+        patience = 1.0 - (len(world.latencies) - 1) / (0.5 * MAX_EPISODE_ACTIONS)
+        model.edge_margin = config.safety.edge_margin * max(0.0, patience)  # bolder, before the actions run out
         positions = joints()
         model.follow(scene, None if positions is None else robot.kinematics.turning_range(positions))
 

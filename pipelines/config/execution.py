@@ -75,7 +75,8 @@ class SafetyConfig:
         look: of when a view counts.
         survey: whether the arm moves out of the camera's sight before the first action.
         tool: how fast the tool moves.
-        edge_margin: at the edges, into which no object should be pushed (:class:`ReachableModel`) [m].
+        edge_margin: at the edges, into which no object should be pushed (:class:`ReachableModel`) [m]; it shrinks to
+            nothing in the first half of the actions that an episode may have.
     """
 
     watchdog: WatchdogLimits

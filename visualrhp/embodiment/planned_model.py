@@ -36,7 +36,7 @@ class ReachableModel:
         reach: what the arm can reach; None if it can reach everything.
         physics: of the simulator.
         edge_margin: in perturbed models, an object that is pushed closer to an edge than a part of this counts as
-            dropped [m]: in three dimensions, it may tip or roll on.
+            dropped [m]: in three dimensions, it may tip or roll on. It may change.
 
     Attributes:
         action_space, reach, edge_margin: as given.
@@ -136,7 +136,7 @@ class PerturbedReachableModel(ReachableModel):
 
     def __init__(self, nominal: ReachableModel, relative_std: float, turning_std: float, seed: int) -> None:
         super().__init__(nominal.scene, nominal.action_space, nominal.reach, nominal._physics)
-        self.edge_margin = nominal.edge_margin * float(np.random.default_rng([seed, 1]).uniform())
+        self._part = float(np.random.default_rng([seed, 1]).uniform())
         self._nominal, self._perturbation, self._seed = nominal, (relative_std, turning_std), seed
         self._perturbed_from: Scene | None = None
 
@@ -162,7 +162,8 @@ class PerturbedReachableModel(ReachableModel):
     def simulate(self, state: State, action: Action) -> Transition:
         """As of the nominal model, but that an object which is pushed into the margin at an edge is dropped."""
         transition = super().simulate(state, action)
-        if transition.is_dropped or not _nears_edge(self.scene, state, transition.next_state, self.edge_margin):
+        margin = self._part * self._nominal.edge_margin
+        if transition.is_dropped or not _nears_edge(self.scene, state, transition.next_state, margin):
             return transition
         return replace(transition, reward=rules.reward(dropped=True), is_goal=False, is_dropped=True)
 
