@@ -201,6 +201,17 @@ def test_an_image_of_another_size_is_refused(cell, watched):
         watched.frame_after(cell.now())
 
 
+def test_an_arm_at_rest_stays_where_it_is(cell, watched):
+    """However slowly it moved meanwhile, or however seldom it was asked."""
+    watched.rest()
+    watched.wait(5.0)
+    watched.rest()
+    cell._joints = cell._joints + 0.05 * np.eye(6)[1]
+    watched.wait(5.0)
+    with pytest.raises(CellFault, match=r"the arm moved by 0.050 rad without a command"):
+        watched.rest()
+
+
 def test_halting_stops_and_sees_that_the_arm_is_at_rest(cell, watched):
     cell.follow(PlanarKinematics().path(cell.arm().positions, GripperMotion(forward=0.1)))
     cell.wait(0.3)

@@ -159,13 +159,14 @@ def execute(cell: WatchedCell, trajectory: JointTrajectory | None, opening: floa
     arm, after = cell.rest()
     if trajectory is not None:
         # An arm is at rest for a moment before it starts late; what counts is where it is.
-        end, error = cell.now() + limits.max_lag_s, _rest_error(trajectory, arm)
+        end, error = started + trajectory.duration + limits.max_lag_s, _rest_error(trajectory, arm)
         while error > limits.rest_error and cell.now() < end:
             cell.wait(limits.control_period_s)
             arm, after = cell.rest()
             error = _rest_error(trajectory, arm)
         if error > limits.rest_error:
             raise CellFault(f"the arm came to rest {error:.3f} rad from the end of its motion")
+        cell.settle()
     if opening is not None:
         after = _watch_fingers(cell, before.opening, opening)
     return after.time_s - started

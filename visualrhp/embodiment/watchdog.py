@@ -113,6 +113,8 @@ class WatchedCell:
         self._cell = cell
         self._last_time = -math.inf
         self._last_arm: ArmState | None = None
+        self._is_settled = True  # no motion of the arm has been commanded that has not ended
+        self._settled_at: npt.NDArray[np.float64] | None = None  # joint positions at rest
         self._last_gripper_time = -math.inf
         self._last_frame_time = -math.inf
 
@@ -220,11 +222,30 @@ class WatchedCell:
             arm, gripper = self.arm(), self.gripper()
             is_still = self.is_still(arm)
             if is_still and not gripper.is_moving:
+                self._check_still_there(arm)
                 return arm, gripper
             if self.now() > end:
                 what = "gripper is still moving" if is_still else "arm is still moving"
                 raise CellFault(f"the {what} {timeout_s:g} s after the end of its motion")
             self.wait(self.limits.control_period_s)
+
+    def _check_still_there(self, arm: ArmState) -> None:
+        """Check that an arm at rest is where it came to rest.
+
+        Raises:
+            CellFault: it has moved since.
+        """
+        if not self._is_settled:
+            return
+        if self._settled_at is None:
+            self._settled_at = arm.positions
+        drift = float(np.abs(arm.positions - self._settled_at).max())
+        if drift > self.limits.max_drift:
+            raise CellFault(f"the arm moved by {drift:.3f} rad without a command")
+
+    def settle(self) -> None:
+        """The last motion of the arm has ended: from now on, it is expected to stay where it is."""
+        self._is_settled, self._settled_at = True, None
 
     def is_still(self, arm: ArmState) -> bool:
         """Whether the arm is at rest."""
@@ -284,6 +305,7 @@ class WatchedCell:
     # ------------------------------------------------------------------------------------------------------- commands
     def follow(self, trajectory: JointTrajectory) -> None:
         """Start a motion of the arm."""
+        self._is_settled = False
         _ask("the arm", lambda: self._cell.follow(trajectory))
 
     def move_gripper(self, opening: float) -> None:
