@@ -156,16 +156,15 @@ def execute(cell: WatchedCell, trajectory: JointTrajectory | None, opening: floa
                 break
     else:
         cell.wait(limits.control_period_s)
-    arm, after = cell.rest()
     if trajectory is not None:
         # An arm is at rest for a moment before it starts late; what counts is where it is.
-        end, error = started + trajectory.duration + limits.max_lag_s, _rest_error(trajectory, arm)
-        while error > limits.rest_error and cell.now() < end:
+        end = started + trajectory.duration + limits.max_lag_s
+        while _rest_error(trajectory, cell.arm()) > limits.rest_error and cell.now() < end:
             cell.wait(limits.control_period_s)
-            arm, after = cell.rest()
-            error = _rest_error(trajectory, arm)
-        if error > limits.rest_error:
-            raise CellFault(f"the arm came to rest {error:.3f} rad from the end of its motion")
+        _check_end(trajectory, cell.arm(), limits.rest_error)
+    arm, after = cell.rest()
+    if trajectory is not None:
+        _check_end(trajectory, arm, limits.rest_error)
         cell.settle()
     if opening is not None:
         after = _watch_fingers(cell, before.opening, opening)
@@ -189,6 +188,11 @@ def _watch_fingers(cell: WatchedCell, before: float, opening: float) -> Any:
                 f"{cell.limits.max_settle_s:g} s after they were commanded to {1e3 * opening:.1f} mm"
             )
         cell.wait(cell.limits.control_period_s)
+
+
+def _check_end(trajectory: JointTrajectory, arm: ArmState, limit: float) -> None:
+    if (error := _rest_error(trajectory, arm)) > limit:
+        raise CellFault(f"the arm came to rest {error:.3f} rad from the end of its motion")
 
 
 def _rest_error(trajectory: JointTrajectory, arm: ArmState) -> float:
