@@ -164,6 +164,19 @@ class ExecuteConfig(RobotConfig):
 
 
 @parameters
+class ReportExecutionConfig(PipelineConfig):
+    """``python -m pipelines.report_execution``.
+
+    Attributes:
+        evaluations: folder in which ``evaluate_execution`` wrote, at any depth.
+        method: which is compared with the others.
+    """
+
+    evaluations: str
+    method: str
+
+
+@parameters
 class EvaluateExecutionConfig(RobotConfig):
     """``python -m pipelines.evaluate_execution``: episodes of a robot in simulated cells.
 

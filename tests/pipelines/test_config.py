@@ -28,6 +28,7 @@ from pipelines.config import (
     PlayConfig,
     RecedingHorizonConfig,
     ReportConfig,
+    ReportExecutionConfig,
     TrainILConfig,
     TrainRLConfig,
     TrainSegmenterConfig,
@@ -59,6 +60,7 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "calibrate_camera": CalibrateCameraConfig,
     "execute": ExecuteConfig,
     "evaluate_execution": EvaluateExecutionConfig,
+    "report_execution": ReportExecutionConfig,
 }
 NO_STAGE = {
     "calibrate_camera",
@@ -68,6 +70,7 @@ NO_STAGE = {
     "export_demos",
     "execute",
     "evaluate_execution",
+    "report_execution",
 }  # nothing depends on what they make
 SCALES = ("smoke", "quick", "paper")
 REPOSITORY = CONFIG_FOLDER.parent
