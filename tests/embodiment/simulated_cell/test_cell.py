@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,10 +8,11 @@ from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.kinematics import ArmKinematics
 from visualrhp.embodiment.robot_cell import JointTrajectory
 from visualrhp.embodiment.simulated_cell.cell import TIME_STEP, SimulatedCell
+from visualrhp.embodiment.simulated_cell.model import OBJECT_PREFIX, cell_model
 from visualrhp.embodiment.simulated_cell.objects import CellObject
 from visualrhp.embodiment.simulated_cell.solids import box, fruit
 from visualrhp.embodiment.trajectories import MotionParameters
-from visualrhp.errors import ConfigError, UnreachableError
+from visualrhp.errors import ConfigError, SimulationError, UnreachableError
 from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import GripperMotion
 
@@ -260,3 +263,18 @@ def test_without_a_camera_there_are_no_images() -> None:
 def test_a_start_that_the_arm_cannot_reach_is_refused() -> None:
     with pytest.raises(UnreachableError):
         cell_of((CellObject(Kind.APPLE, fruit(0.03)), (0.0, 0.0, 0.0)), gripper=(0.9, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("speed", [30.0, 1e12, np.nan], ids=["catapulted", "huge", "not a number"])
+def test_physics_that_diverges_is_an_error_until_a_sound_state_is_restored(speed: float) -> None:
+    cell = cell_of((BOX, (0.1, 0.1, 0.0)))
+    sound = cell.snapshot()
+    model = cell_model(cell.task)
+    physics = sound.physics.copy()  # time, positions, velocities
+    physics[1 + model.nq + int(model.body(f"{OBJECT_PREFIX}0").dofadr[0])] = speed
+    cell.restore(replace(sound, physics=physics))
+    with pytest.raises(SimulationError, match=r"the physics of the cell diverged at 1\.000 s"):
+        cell.wait(1.0)
+    cell.restore(sound)
+    cell.wait(1.0)
+    assert not cell.truth().is_fallen[0]

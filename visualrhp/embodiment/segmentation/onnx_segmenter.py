@@ -16,6 +16,7 @@ from visualrhp.embodiment.segmentation.classes import NUM_CLASSES, object_of
 from visualrhp.embodiment.segmentation.detection import Detection
 from visualrhp.embodiment.segmentation.frames import Region, network_input
 from visualrhp.embodiment.segmentation.grouping import GroupingConfig, group
+from visualrhp.embodiment.segmentation.mirroring import Maps, mean_over_mirrors
 from visualrhp.errors import CheckpointError, PerceptionError
 
 NETWORK: Final = FileKind(
@@ -102,12 +103,15 @@ class OnnxSegmenter:
         region = self._region or Region.centred(height, width)
         if region.x < 0 or region.y < 0 or region.x + region.size > width or region.y + region.size > height:
             raise PerceptionError(f"the image has {width} x {height} pixels and does not hold the region {region}")
-        batch = network_input(image, region, self._size)[None]
-        probabilities, centres, offsets = self._session.run(None, {INPUT_NAME: batch})
+        maps = mean_over_mirrors(self._answer, network_input(image, region, self._size))
         detections = []
-        for instance in group(probabilities[0], centres[0], offsets[0], region.size, self._grouping):
+        for instance in group(*maps, region.size, self._grouping):
             mask = np.zeros((height, width), bool)
             region.of(mask)[...] = instance.mask
             kind, is_lying = object_of(instance.class_index)
             detections.append(Detection(kind, is_lying, mask, instance.score))
         return detections
+
+    def _answer(self, image: npt.NDArray[np.uint8]) -> Maps:
+        probabilities, centres, offsets = self._session.run(None, {INPUT_NAME: image[None]})
+        return probabilities[0], centres[0], offsets[0]

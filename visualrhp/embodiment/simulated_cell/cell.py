@@ -56,6 +56,10 @@ class CellSnapshot:
     controls: tuple[Any, ...]
 
 
+_FARTHEST: Final = 10.0
+"""Distance from the table's centre [m] that no object reaches that was pushed over an edge."""
+
+
 class SimulatedCell(RobotCell):
     """A cell in MuJoCo. Equal tasks and equal commands give equal states, to the bit.
 
@@ -124,7 +128,7 @@ class SimulatedCell(RobotCell):
             raise ConfigError(f"a cell cannot wait for {duration_s!r:.60} s; time does not go back")
         self._clock += duration_s
         self._advance(round(self._clock / TIME_STEP) - self._steps)
-        if not np.isfinite(self._data.qpos).all():
+        if self._has_diverged():
             raise SimulationError(f"the physics of the cell diverged at {self._clock:.3f} s")
 
     def frame(self) -> CameraFrame:
@@ -238,6 +242,8 @@ class SimulatedCell(RobotCell):
         self._mujoco.mj_setState(self._model, self._data, snapshot.physics, kind)
         self._feed, self._begun, self._steps, self._frames, self._clock = snapshot.controls[:5]
         self._opening_target, self._opening_command = snapshot.controls[5:]
+        for warning in self._bad_numbers():
+            warning.number = 0
         self._mujoco.mj_forward(self._model, self._data)
 
     # Internal
@@ -252,6 +258,16 @@ class SimulatedCell(RobotCell):
         """Of the driving joint, as a change of the opening [m/s]; 0.8 rad are the stroke."""
         dof = int(self._model.joint("gripper/right_driver_joint").dofadr[0])
         return float(self._data.qvel[dof]) * _OPENING_OF_CONTROL[0][1] / 0.8
+
+    def _has_diverged(self) -> bool:
+        """Whether an object was catapulted away, or MuJoCo has found numbers that are bad, and has reset its state."""
+        distance = np.abs(self._data.xpos[self._bodies, :2]).max(initial=0.0)
+        return any(warning.number for warning in self._bad_numbers()) or not distance < _FARTHEST
+
+    def _bad_numbers(self) -> list[Any]:
+        """MuJoCo's counters of them."""
+        kinds = self._mujoco.mjtWarning
+        return [self._data.warning[kind] for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)]
 
     def _advance(self, steps: int) -> None:
         """Simulate ``steps`` steps, with the commands in force."""
