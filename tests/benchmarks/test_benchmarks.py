@@ -73,7 +73,8 @@ def test_unknown_section() -> None:
 def test_the_robot_cell_is_measured() -> None:
     answer = _run("--quick", "cell")
     assert answer.returncode == 0, answer.stderr
-    for row in ("step of 2 ms, 7 objects", "action, 4 objects", "frame, 1 object", "new cell, 7 objects"):
+    rows = ("step of 2 ms, 7 objects", "action, 4 objects", "frame, 1 object", "new cell, 7 objects")
+    for row in (*rows, "Executed paths: 32 random actions", "at the end: at most 0.0"):
         assert row in answer.stdout
 
 
