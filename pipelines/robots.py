@@ -15,10 +15,10 @@ from visualrhp.errors import ConfigError
 if TYPE_CHECKING:
     from pipelines.config import EvaluateExecutionConfig, RobotConfig, SegmenterConfig, UrRtdeCellConfig
     from visualrhp.embodiment.camera import Camera
+    from visualrhp.embodiment.desired import DesiredObject
     from visualrhp.embodiment.dry_run import DryRunWorld
     from visualrhp.embodiment.kinematics import ArmKinematics
     from visualrhp.embodiment.looking import Perceiver, RobotMask
-    from visualrhp.embodiment.perception import DesiredObject
     from visualrhp.embodiment.planar_world import PlanarWorld
     from visualrhp.embodiment.planned_model import ReachableModel
     from visualrhp.embodiment.robot_cell import RobotCell
@@ -84,15 +84,15 @@ def open_robot(config: RobotConfig, index: int, *, read_only: bool = False, rend
     if config.cell.name == "simulated":
         return _simulated(config, index, render)
     from visualrhp.embodiment.camera import Camera
+    from visualrhp.embodiment.desired import DesiredObject
     from visualrhp.embodiment.kinematics import ArmKinematics
-    from visualrhp.embodiment.perception import DesiredObject
 
     assert config.desired is not None
     camera = Camera.load(config.cell.calibration)
     kinematics = ArmKinematics(config.cell.mounting, motion=config.safety.tool)
     segmenter = build_segmenter(config.segmenter)
     cell = _open_ur_rtde(config.cell, read_only)
-    desired = DesiredObject(config.desired, config.desired_which)
+    desired = DesiredObject(config.desired, config.desired_which, config.desired_place)
     perception = _perception(camera, segmenter, kinematics, desired)
     return Robot(cell, kinematics, perception, robot_mask=_robot_mask(camera, config.cell.mounting))
 
@@ -106,7 +106,6 @@ def _open_ur_rtde(config: UrRtdeCellConfig, read_only: bool) -> UrRtdeCell:
 
 def _simulated(config: RobotConfig, index: int, render: bool) -> Robot:
     from visualrhp.embodiment.kinematics import ArmKinematics
-    from visualrhp.embodiment.perception import DesiredObject
     from visualrhp.embodiment.simulated_cell.cell import SimulatedCell
     from visualrhp.embodiment.simulated_cell.sampling import sample_cell
     from visualrhp.embodiment.simulated_cell.scenarios import scenario
@@ -121,12 +120,11 @@ def _simulated(config: RobotConfig, index: int, render: bool) -> Robot:
     network = build_segmenter(config.segmenter) if config.segmenter.name not in ("true_masks", "true_state") else None
     cell = SimulatedCell(task, render=has_camera or render)
     try:
-        desired, which = _desired_of(config, cell)
+        desired, named = _desired_of(config, cell)
         if not has_camera:
             perception: Perceiver = TruePerception(lambda: _scene_and_state(cell), desired)
         else:
             segmenter = network or TrueSegmenter(cell.detections)
-            named = DesiredObject(task.objects[desired].kind, which)
             perception = _perception(cell.camera, segmenter, kinematics, named)
     except Exception:
         cell.close()
@@ -140,25 +138,30 @@ def _scene_and_state(cell: SimulatedCell):
     return truth.scene, truth.state
 
 
-def _desired_of(config: RobotConfig, cell: SimulatedCell) -> tuple[int, int]:
-    """Index of the desired object in the cell's task, and its rank among those of its kind.
+def _desired_of(config: RobotConfig, cell: SimulatedCell) -> tuple[int, DesiredObject]:
+    """Index of the desired object in the cell's task, and how it is named; that of a task by its kind and its place.
 
     Raises:
         ConfigError: there is no such object.
     """
+    from visualrhp.embodiment.desired import DesiredObject
+
     truth, mounting = cell.truth(), cell.task.mounting
-    distances = np.hypot(*(truth.state.object_positions - (mounting.x, mounting.y)).T)
-    kind = config.desired or truth.kinds[0]
-    ranked = sorted((number for number, each in enumerate(truth.kinds) if each is kind), key=lambda n: distances[n])
+    places = truth.state.object_positions
     if config.desired is None:
-        return 0, ranked.index(0)
+        x, y = np.round(places[0], 2).tolist()
+        return 0, DesiredObject(truth.kinds[0], place=(x, y))
+    distances = np.hypot(*(places - (config.desired_place or (mounting.x, mounting.y))).T)
+    kind = config.desired
+    ranked = sorted((number for number, each in enumerate(truth.kinds) if each is kind), key=lambda n: distances[n])
     if config.desired_which >= len(ranked):
         present = ", ".join(sorted(truth.kinds))
         raise ConfigError(
             f"desired={config.desired} desired_which={config.desired_which}: the cell has {present}; "
             "choose one of these, or another index."
         )
-    return ranked[config.desired_which], config.desired_which
+    named = DesiredObject(kind, config.desired_which, config.desired_place)
+    return ranked[config.desired_which], named
 
 
 def _perception(camera: Camera, segmenter: Segmenter, kinematics: ArmKinematics, desired: DesiredObject) -> Perceiver:

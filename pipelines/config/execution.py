@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pipelines.config.common import PipelineConfig, Seed
 from pipelines.config.groups import PlannerConfig
 from pipelines.config.stages import check_name
+from visualrhp.embodiment.desired import Place
 from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.looking import LookLimits
 from visualrhp.embodiment.motion import MotionLimits
@@ -95,6 +96,7 @@ class RobotConfig(PipelineConfig):
         heuristics: folder with the networks of all planners; null for those of the planner.
         desired: kind of the desired object; null for that of a simulated cell's task.
         desired_which: of several of its kind, the one that is the n-th closest to the robot's base, from 0.
+        desired_place: (x, y) of a point on it [m]; only objects there count. Null to name it without a place.
         physics: of the planner's model.
     """
 
@@ -106,6 +108,7 @@ class RobotConfig(PipelineConfig):
     heuristics: str | None
     desired: Kind | None
     desired_which: Index
+    desired_place: Place | None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,8 +120,10 @@ class RobotConfig(PipelineConfig):
                 raise ValueError(
                     f"segmenter={self.segmenter.name} is of simulated cells only: choose released, mask_rcnn or yolo."
                 )
-        elif self.desired is None and self.desired_which:
-            raise ValueError("desired_which is for a desired kind, such as desired=orange desired_which=1.")
+        elif self.desired is None and (self.desired_which or self.desired_place is not None):
+            raise ValueError(
+                "desired_which and desired_place are for a desired kind, such as desired=orange desired_which=1."
+            )
 
 
 @parameters

@@ -6,8 +6,9 @@ The segmentation network beside all the other parts together, which are given th
 from __future__ import annotations
 
 from tests.benchmarks.timing import Effort, Stopwatch, numbered, show_time, show_title, side_by_side, timed
+from visualrhp.embodiment.desired import DesiredObject
 from visualrhp.embodiment.kinematics import ArmKinematics
-from visualrhp.embodiment.perception import DesiredObject, FrameChecks, Perception, PerceptionParameters
+from visualrhp.embodiment.perception import FrameChecks, Perception, PerceptionParameters
 from visualrhp.embodiment.robot_cell import CameraFrame
 from visualrhp.embodiment.segmentation.detection import Segmenter
 from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter

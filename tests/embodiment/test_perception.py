@@ -21,8 +21,9 @@ from tests.embodiment.seen_bodies import (
     top_camera,
 )
 from visualrhp.embodiment.arm_silhouette import arm_mask
+from visualrhp.embodiment.desired import DesiredObject
 from visualrhp.embodiment.kinds import Kind
-from visualrhp.embodiment.perception import DesiredObject, Perception, PerceptionParameters, View
+from visualrhp.embodiment.perception import Perception, PerceptionParameters, View
 from visualrhp.embodiment.robot_cell import ArmState, CameraFrame, GripperState
 from visualrhp.embodiment.robot_model import HOME, Mounting
 from visualrhp.embodiment.segmentation import Detection
@@ -219,7 +220,7 @@ def test_images_that_are_refused() -> None:
 
 
 def test_no_desired_object_is_an_error_that_says_what_is_seen() -> None:
-    with pytest.raises(PerceptionError, match="bottle number 0, is not seen; seen are: orange 0"):
+    with pytest.raises(PerceptionError, match="bottle number 0, is not seen; seen are: orange 0 at"):
         World([fruit().at(0.0, 0.0)], DesiredObject(Kind.BOTTLE)).view()
 
 

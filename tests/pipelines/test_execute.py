@@ -17,6 +17,7 @@ from pipelines.robot_episode import run_robot
 from pipelines.robots import build_segmenter, open_robot
 from pipelines.workflow.app import compose
 from visualrhp.embodiment.kinds import Kind
+from visualrhp.embodiment.perception import Perception
 from visualrhp.errors import CellFault, CheckpointError, ConfigError, DataError, PerceptionError
 from visualrhp.evaluation.episodes import read_episodes
 from visualrhp.rendering.video import read_video
@@ -114,6 +115,28 @@ def test_the_desired_object_is_the_users(which: int) -> None:
         robot.cell.close()
 
 
+def test_the_desired_object_is_the_one_at_a_place() -> None:
+    config = configure("cell.num_objects=6", "cell.kinds=[apple]", "cell.desired=[orange]", "desired=apple")
+    for number in (2, 4):
+        first = open_robot(config, 0)
+        assert first.simulated is not None
+        x, y = first.simulated.truth().state.object_positions[number].tolist()
+        first.cell.close()
+        robot = open_robot(replace(config, desired_place=(x + 0.01, y)), 0)
+        assert robot.desired == number
+        robot.cell.close()
+
+
+def test_the_desired_object_of_a_task_is_named_by_its_place() -> None:
+    robot = open_robot(configure("segmenter=true_masks", "cell.num_objects=6"), 0)
+    assert robot.simulated is not None and isinstance(robot.perception, Perception)
+    truth = robot.simulated.truth()
+    desired = robot.perception.desired
+    assert (desired.kind, desired.which) == (truth.kinds[0], 0)
+    assert desired.place == pytest.approx(truth.state.desired_position, abs=0.0051)
+    robot.cell.close()
+
+
 def test_an_object_that_is_not_there_is_named() -> None:
     config = configure("cell.kinds=[apple]", "cell.desired=[apple]", "desired=cup")
     with pytest.raises(ConfigError, match="desired=cup desired_which=0: the cell has apple, apple"):
@@ -125,7 +148,7 @@ def test_an_object_that_is_not_there_is_named() -> None:
     [
         (["segmenter=yolo"], "segmenter.file is missing"),
         (["desired=orang"], "desired"),
-        (["desired_which=1"], "desired_which is for a desired kind"),
+        (["desired_which=1"], "desired_which and desired_place are for a desired kind"),
         (["cell=ur_rtde"], "desired is missing"),
         (["cell=ur_rtde", "desired=cup"], "segmenter=true_state is of simulated cells only"),
         (["scenario=fig11"], "scenario='fig11': choose one of low_clutter"),

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from visualrhp.embodiment.arm_silhouette import arm_mask
 from visualrhp.embodiment.camera import Camera
-from visualrhp.embodiment.kinds import Kind
+from visualrhp.embodiment.desired import DesiredObject
 from visualrhp.embodiment.occlusion import all_hidden, hidden_around
 from visualrhp.embodiment.outlines import Silhouette, silhouette
 from visualrhp.embodiment.robot_cell import ArmState, CameraFrame, GripperState
@@ -30,12 +30,11 @@ from visualrhp.embodiment.track import GripperView, Track
 from visualrhp.embodiment.tracking import Tracker, TrackerParameters
 from visualrhp.embodiment.view import SeenObject, View, seen_object
 from visualrhp.errors import PerceptionError
-from visualrhp.parameters import Count, Field, Fraction, Index, parameters
+from visualrhp.parameters import Count, Field, Fraction, parameters
 from visualrhp.scene.scene import Scene, TargetRegion, square_edges
 from visualrhp.types import FloatArray, State
 
 __all__ = [
-    "DesiredObject",
     "ForwardKinematics",
     "FrameChecks",
     "GripperFrame",
@@ -68,20 +67,6 @@ class GripperFrame(Protocol):
     def y(self) -> float: ...
     @property
     def theta(self) -> float: ...
-
-
-@parameters
-class DesiredObject:
-    """The object that the user names.
-
-    Attributes:
-        kind: what it is.
-        which: of several, in the order of their distance from the base of the robot, the closest first; from 0. It is
-            chosen in the first views, and keeps its identity afterwards.
-    """
-
-    kind: Kind = Field(default=Kind.ORANGE, strict=False)
-    which: Index = 0
 
 
 @parameters
@@ -308,16 +293,8 @@ class Perception:
         """Tracks, the desired one first."""
         tracks = self._tracker.tracks
         if self._desired_id is None or self._desired_id not in {track.id for track in tracks}:
-            base = np.array([self._kinematics.mounting.x, self._kinematics.mounting.y])
-            candidates = [track for track in tracks if track.kind is self.desired.kind]
-            if len(candidates) <= self.desired.which:
-                seen = ", ".join(sorted(f"{track.kind} {track.id}" for track in tracks)) or "nothing"
-                raise PerceptionError(
-                    f"the desired object, {self.desired.kind} number {self.desired.which}, is not seen; "
-                    f"seen are: {seen}"
-                )
-            candidates.sort(key=lambda track: float(np.hypot(*(track.pose[:2] - base))))
-            chosen = candidates[self.desired.which].id
+            mounting = self._kinematics.mounting
+            chosen = self.desired.choose(tracks, (mounting.x, mounting.y)).id
             if self._tracker.is_settled:
                 self._desired_id = chosen
         else:
