@@ -82,6 +82,13 @@ class World:
         image[painted(CAMERA, shapely.Polygon(disc))] = (40.0, 180.0, 90.0)
         return np.clip(image + self.rng.normal(0.0, 3.0, image.shape), 0, 255).astype(np.uint8)
 
+    def painted(self) -> np.ndarray:
+        """The picture with the bodies in it."""
+        image = self.picture()
+        for number, body in enumerate(self.bodies):
+            image[detection(CAMERA, body).mask] //= 2 + number % 2
+        return image
+
     def view(self, image=None) -> View:
         self.time_s += 0.1
         frame = CameraFrame(self.picture() if image is None else image, self.time_s)
@@ -188,6 +195,23 @@ def test_flicker_changes_nothing() -> None:
         assert not view.is_settled
     world.missed, world.extra = set(), []
     assert world.settled().scene == before.scene
+
+
+def test_an_object_that_is_missed_for_long_is_there_as_long_as_the_image_shows_it() -> None:
+    world = World(clutter())
+    for _ in range(4):
+        before = world.view(world.painted())
+    world.missed = {0, 3}
+    for _ in range(10):
+        view = world.view(world.painted())
+    assert view.is_settled and view.scene == before.scene
+    assert view.state.object_poses == pytest.approx(before.state.object_poses, abs=2e-3)
+    del world.bodies[3]
+    world.missed = {0}
+    world.view(world.painted())
+    world.view(world.painted())
+    with pytest.raises(PerceptionError, match=r"vanished: box 3"):
+        world.view(world.painted())
 
 
 def test_a_new_object_counts_once_it_persists() -> None:

@@ -8,6 +8,7 @@ the gripper's shape.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -21,6 +22,7 @@ from visualrhp.embodiment.camera import Camera
 from visualrhp.embodiment.desired import DesiredObject
 from visualrhp.embodiment.occlusion import all_hidden, hidden_around
 from visualrhp.embodiment.outlines import Silhouette, silhouette
+from visualrhp.embodiment.persistence import Persistence
 from visualrhp.embodiment.robot_cell import ArmState, CameraFrame, GripperState
 from visualrhp.embodiment.robot_model import CELL_GRIPPER, Mounting
 from visualrhp.embodiment.segmentation.detection import Detection, Mask, Segmenter
@@ -141,6 +143,7 @@ class Perception:
         self._kinematics = kinematics
         self._edges = square_edges(0.5) if edges is None else edges
         self._tracker = Tracker(self._edges, CELL_GRIPPER, self.settings.tracker)
+        self._persistence = Persistence()
         self._desired_id: int | None = None
         self._target: FoundTarget | None = None
         self._target_missed = 0
@@ -179,6 +182,8 @@ class Perception:
             robot = arm_mask(self.camera, arm.positions, opening, self._kinematics.mounting)
         with _timed(latencies, "segmentation"):
             detections = self._kept(self._segmenter.segment(image), robot)
+            recalled = self._persistence.recall(image, detections, robot)
+            detections += recalled.values()
         with _timed(latencies, "outlines"):
             masks = [detection.mask for detection in detections]
             found = [
@@ -191,6 +196,7 @@ class Perception:
             seen: list[Silhouette] = [each for each in found if each is not None]
             hidden, behind_arm = all_hidden(self.camera, robot, masks), all_hidden(self.camera, robot, [])
             self._tracker.update(seen, hidden, hand, frame.time_s, behind_arm)
+            self._remember(image, robot, list(recalled.values()))
             tracks = self._ordered()
         with _timed(latencies, "state"):
             scene = self._scene_of(tracks, target)
@@ -287,6 +293,17 @@ class Perception:
                 "moved; calibrate the camera again"
             )
         return self._target
+
+    def _remember(self, image: npt.NDArray[np.uint8], robot: Mask, recalled: list[Detection]) -> None:
+        """Keep how the objects look that were detected, each on its own."""
+        tracks = [t for t in self._tracker.tracks if t.num_seen >= self.settings.tracker.confirm and not t.is_dropped]
+        owners = Counter(id(track.detection) for track in tracks)
+        found = {
+            track.id: track.detection
+            for track in tracks
+            if track.detection is not None and owners[id(track.detection)] == 1 and track.detection not in recalled
+        }
+        self._persistence.remember(image, found, robot, [track.id for track in tracks])
 
     # ------------------------------------------------------------------------------------------------------ the scene
     def _ordered(self) -> tuple[Track, ...]:

@@ -12,6 +12,7 @@ from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.occlusion import HiddenRegion
 from visualrhp.embodiment.outlines import Silhouette
 from visualrhp.embodiment.registration import Reference, fitted_circle
+from visualrhp.embodiment.segmentation.detection import Detection
 from visualrhp.scene import geometry
 from visualrhp.scene.gripper import Gripper
 from visualrhp.types import FloatArray
@@ -45,6 +46,7 @@ class Track:
         votes: for each kind.
         is_lying: as last seen.
         quality: share of its border that was seen when the outline was taken.
+        detection: of it in the last view; None if it was not detected.
         num_seen: views in which it was detected.
         num_missed: last views in a row in which it was neither detected nor hidden.
         num_disagreeing: last views in a row that did not agree with the outline.
@@ -61,6 +63,7 @@ class Track:
     votes: dict[Kind, float] = field(default_factory=dict)
     is_lying: bool = False
     quality: float = 1.0
+    detection: Detection | None = None
     num_seen: int = 1
     num_missed: int = 0
     num_disagreeing: int = 0

@@ -161,10 +161,13 @@ class Tracker:
         lost: list[Track] = []
         for number, track in enumerate(list(self._tracks)):
             if number in pairs:
+                track.detection = silhouettes[pairs[number]].detection
                 self._measure(track, silhouettes[pairs[number]], expected[number])
                 track.last_seen_s = time_s
-            elif self._miss(track, expected[number], hidden, arm or hidden):
-                lost.append(track)
+            else:
+                track.detection = None
+                if self._miss(track, expected[number], hidden, arm or hidden):
+                    lost.append(track)
         for number in set(range(len(silhouettes))) - set(pairs.values()):
             self._appear(silhouettes[number], time_s)
         for track in self._tracks:
@@ -315,7 +318,7 @@ class Tracker:
             return
         reference, pose = reference_of(silhouette, 0.0)
         track = Track(self._next_id, reference, pose, silhouette.heights, is_lying=silhouette.detection.is_lying)
-        track.quality, track.last_seen_s = silhouette.share_seen, time_s
+        track.quality, track.last_seen_s, track.detection = silhouette.share_seen, time_s, silhouette.detection
         vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
