@@ -32,7 +32,7 @@ class GroupingConfig:
         least_score: score below which an object is dropped.
     """
 
-    least_peak: Fraction = 0.25
+    least_peak: Fraction = 0.35
     peak_distance: int = Field(default=7, ge=3, le=31)
     merge_distance: Positive = 4.0
     most_distance: Positive = 8.0
