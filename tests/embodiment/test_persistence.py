@@ -61,6 +61,18 @@ def test_one_that_was_taken_or_pushed_away_is_not(
     assert not remembered(contrast).recall(picture(contrast, place, light, seed=1), [], NOTHING)
 
 
+@pytest.mark.parametrize("light", [1.0, 0.8])
+def test_the_pattern_of_the_table_under_it_is_not_taken_for_it(contrast: float, light: float) -> None:
+    """The border of a dark disc runs through all that is compared, in both images."""
+
+    def on_disc(image: np.ndarray) -> np.ndarray:
+        return np.where((np.arange(SIZE) < 60)[:, None, None], image, image // 3).astype(np.uint8)
+
+    persistence = Persistence()
+    persistence.remember(on_disc(picture(contrast)), {7: Detection(Kind.BOX, False, mask_of(BOX))}, NOTHING, [7])
+    assert not persistence.recall(on_disc(picture(contrast, None, light, seed=1)), [], NOTHING)
+
+
 def test_what_is_detected_in_its_place_counts(contrast: float) -> None:
     other = Detection(Kind.CUP, False, mask_of((slice(40, 80), slice(30, 50))))
     assert not remembered(contrast).recall(picture(contrast, seed=1), [other], NOTHING)

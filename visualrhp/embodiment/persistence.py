@@ -30,8 +30,12 @@ _IN_SIGHT: Final = 0.5
 _TAKEN: Final = 0.2
 """Share of its pixels above which another detection is what is there now."""
 
+_SAME_CONTRAST: Final = 0.6
+"""Share of the difference of its colour from those around it that has to be left: of an object that is gone, the
+border of the target region, say, may be left."""
+
 _SAME_PATTERN: Final = 0.85
-"""Correlation of the grey values from which on both images show the same."""
+"""Correlation of the grey values from which on both images then show the same."""
 
 _SAME_COLOUR: Final = 0.3
 """Mean difference of the colours, over that of the object from what is around it, up to which they do."""
@@ -119,12 +123,15 @@ def _is_unchanged(appearance: _Appearance, image: npt.NDArray[np.uint8], arm: Ma
     if not within.any() or not around.any():
         return False
     before, after = appearance.colours, _softened(image[window])
+    contrast = before[within].mean(axis=0) - before[around].mean(axis=0)
+    left = after[within].mean(axis=0) - after[around].mean(axis=0)
+    if not float(left @ contrast) > _SAME_CONTRAST * float(contrast @ contrast):
+        return False
     if _correlation(before[compared].mean(axis=1), after[compared].mean(axis=1)) >= _SAME_PATTERN:
         return True
     light = np.median(after[around] - before[around], axis=0)
     change = np.linalg.norm(after[within] - before[within] - light, axis=1).mean()
-    contrast = np.linalg.norm(before[within].mean(axis=0) - before[around].mean(axis=0))
-    return bool(change <= _SAME_COLOUR * contrast)
+    return bool(change <= _SAME_COLOUR * np.linalg.norm(contrast))
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
