@@ -1,5 +1,6 @@
 """Episodes of a robot cell: looks, motions, latencies, and what it does when the scene changes."""
 
+import contextlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -247,15 +248,43 @@ class Hiding:
         return SimpleNamespace(scene=seen.scene, state=state, tracks=(track,))
 
 
+def legs_aside(cell):
+    legs = [PlanarKinematics().path(cell.arm().positions, GripperMotion(left=0.1))]
+    for _ in range(3):
+        legs.append(PlanarKinematics().path(legs[-1].positions[-1], GripperMotion(left=0.1)))
+    return legs
+
+
+@pytest.mark.parametrize("opening", [0.0, 0.05])
+def test_fingers_that_are_closed_on_something_open_before_the_arm_moves_aside(opening, monkeypatch):
+    """Whatever was seen between them: the arm would take it along."""
+    task = pushing_task(target_x=-0.06)
+    cell = PlanarCell(task)
+    before = task.state
+    cell.state = State.create(before.gripper_pose, opening, True, before.object_poses)
+    cell.is_closed = True
+    commands = []
+    monkeypatch.setattr(cell, "move_gripper", lambda opening: commands.append((cell.num_motions, opening)))
+    monkeypatch.setattr(cell, "num_motions", 0, raising=False)
+    follow = cell.follow
+
+    def counted(trajectory):
+        cell.num_motions += 1
+        follow(trajectory)
+
+    monkeypatch.setattr(cell, "follow", counted)
+    world = make_world(cell, Hiding(cell, 0.0), survey=lambda joints: legs_aside(cell), closed=True)
+    with contextlib.suppress(CellFault):  # its fingers do not move
+        world.observe()
+    assert commands == ([] if opening == 0.0 else [(0, 0.085)])
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.2])
 def test_a_goal_that_the_arm_hides_is_looked_at_from_aside(shift):
     """The arm stays there if the goal is reached, and returns if it is not."""
     task = pushing_task(target_x=-0.06)  # the object lies in the target region
     cell = PlanarCell(task)
-    aside = PlanarKinematics().path(cell.arm().positions, GripperMotion(left=0.1))
-    legs = [aside]
-    for _ in range(3):
-        legs.append(PlanarKinematics().path(legs[-1].positions[-1], GripperMotion(left=0.1)))
+    legs = legs_aside(cell)
     world = make_world(cell, Hiding(cell, shift), survey=lambda joints: legs)
     _, state = world.observe()
     assert (state.gripper_pose[1] > 0.3) == (shift == 0.0)

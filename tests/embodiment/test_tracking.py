@@ -216,6 +216,15 @@ def test_of_two_of_a_kind_the_one_that_should_be_in_sight_is_seen() -> None:
     assert not second.is_hidden and second.pose[:2] == pytest.approx([-0.08, 0.05], abs=1e-6)
 
 
+def test_a_cup_that_tipped_over_is_no_apple() -> None:
+    """Both are expected below the arm; what comes out, closer to where the apple was, looks like a bottle."""
+    scenes = Scenes()
+    scenes.see(seen(DISC, 0.0, 0.0, kind=Kind.CUP), seen(DISC, -0.05, 0.08, kind=Kind.APPLE), times=3)
+    cup, apple = scenes.see(seen(BOX, -0.12, 0.09, kind=Kind.BOTTLE, is_lying=True), hidden=EVERYTHING)
+    assert not cup.is_hidden and cup.pose[:2] == pytest.approx([-0.12, 0.09], abs=5e-3)
+    assert apple.is_hidden and apple.pose[:2] == pytest.approx([-0.05, 0.08])
+
+
 def test_what_is_seen_close_to_the_edge_is_on_it() -> None:
     scenes = Scenes()
     scenes.see(seen(DISC, 0.24, 0.0), times=3)

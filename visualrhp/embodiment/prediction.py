@@ -63,11 +63,6 @@ def is_desired_hidden(view: Any) -> bool:
     return bool(tracks) and tracks[0].is_hidden
 
 
-def is_holding(view: Any) -> bool:
-    """Whether the gripper seems to hold an object; ``view`` as of :func:`seems_reached`."""
-    return any(track.is_held for track in getattr(view, "tracks", None) or ())
-
-
 def _kept_inside(pose: FloatArray, scene: Scene) -> FloatArray:
     """``pose`` [3], moved towards the target region until its position is within the edges."""
     edges = scene.edges.tolist()

@@ -23,7 +23,7 @@ import numpy as np
 
 from visualrhp.embodiment.looking import Looker, LookLimits, Perceiver, RobotMask, Sight, StepLatency
 from visualrhp.embodiment.motion import Kinematics, MotionLimits, check_trajectory, execute
-from visualrhp.embodiment.prediction import is_desired_hidden, is_holding, seems_reached, with_hidden_predicted
+from visualrhp.embodiment.prediction import is_desired_hidden, seems_reached, with_hidden_predicted
 from visualrhp.embodiment.robot_cell import ArmLimits, JointTrajectory, RobotCell
 from visualrhp.embodiment.robot_model import CELL_GRIPPER, GRIPPER_HEIGHT
 from visualrhp.embodiment.survey import backwards
@@ -34,6 +34,9 @@ from visualrhp.scene.scene import Scene
 from visualrhp.simulation import rules
 from visualrhp.simulation.action_spaces import ActionSpace, GripperMotion
 from visualrhp.types import Action, FloatArray, State
+
+_EMPTY = 3e-3
+"""Opening of closed fingers [m] above which something is between them."""
 
 SurveyMotions = Callable[[FloatArray], Sequence[JointTrajectory]]
 
@@ -120,7 +123,7 @@ class RobotWorld(World):
             self._num_hidden = self._num_hidden + 1 if is_desired_hidden(sight.view) else 0
             is_lost = self._num_hidden >= self._looker.limits.max_hidden
             if motions is not None and (is_lost or seems_reached(sight.view)):
-                sight = self._from_aside(motions, sight, latency)
+                sight = self._from_aside(motions, latency)
         if self._predicted is not None and self.last_sight is not None and not self._looker.places_hidden:
             view = with_hidden_predicted(sight.view, self.last_sight.view, self._predicted)
             sight = replace(sight, view=view)
@@ -130,12 +133,9 @@ class RobotWorld(World):
             follow(self.sight.view.scene)
         latency.model_s += time.perf_counter() - started
 
-    def _from_aside(self, motions: SurveyMotions, sight: Sight, latency: StepLatency) -> Sight:
-        """Look without the arm, which lets go of what it holds; then look again, unless the goal is reached."""
+    def _from_aside(self, motions: SurveyMotions, latency: StepLatency) -> Sight:
+        """Look without the arm; then look again, unless the goal is reached."""
         self._num_hidden = 0
-        if is_holding(sight.view) and self._closed:
-            self._closed = False
-            execute(self._cell, None, self._cell.stroke)
         aside = self._survey(motions, latency)
         if aside is not None and _is_goal(aside):
             return aside
@@ -144,12 +144,16 @@ class RobotWorld(World):
     def _survey(self, motions: SurveyMotions, latency: StepLatency) -> Sight | None:
         """Show the camera the table without the arm, which then returns the way it came; the view without the arm.
 
-        The arm stays aside if the goal is reached. None if it cannot move aside; what it does not hide is all there is.
+        The fingers let go of what is between them, whether it was seen there or not: the arm would take it along. The
+        arm stays aside if the goal is reached. None if it cannot move aside; what it does not hide is all there is.
         """
         try:
             legs = motions(self._cell.rest()[0].positions)
         except UnreachableError:
             return None
+        if self._closed and self._cell.gripper().opening > _EMPTY:
+            self._closed = False
+            execute(self._cell, None, self._cell.stroke)
         for leg in legs:
             execute(self._cell, leg, None)
         sight = self._looker.look(None, self._closed, latency)

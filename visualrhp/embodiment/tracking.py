@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
+from visualrhp.embodiment.kinds import Kind
 from visualrhp.embodiment.merging import split
 from visualrhp.embodiment.occlusion import HiddenRegion
 from visualrhp.embodiment.outlines import Silhouette
@@ -66,9 +67,14 @@ class TrackerParameters:
 _BETTER: Final = 0.08
 """By how much more of its border a view has to show to replace an outline."""
 
-_OTHER_KIND: Final = 0.08
+_OTHER_KIND: Final = 0.12
+_SIMILAR_KIND: Final = 0.04
 _OTHER_SIZE: Final = 0.03
-"""Costs [m] of assigning a detection of another kind, and of a size that differs by a factor of e."""
+"""Costs [m] of assigning a detection of another kind, of one that is easily taken for it (:data:`_ALIKE`), and of a
+size that differs by a factor of e."""
+
+_ALIKE: Final = (frozenset({Kind.BOTTLE, Kind.CUP}), frozenset({Kind.APPLE, Kind.ORANGE}))
+"""A cup that lies is often taken for a bottle; an apple is not."""
 
 _TURNS: Final = (0.5, -0.5, 1.0, -1.0)
 """Rotations [rad] from which the registration of a part starts if it fails."""
@@ -220,8 +226,9 @@ class Tracker:
             return np.inf
         distance = min(distances[-1], min(distances) + _UNLIKELY)
         growth = abs(float(np.log(silhouette.area / track.reference.shape.area)))
-        other = _OTHER_KIND if silhouette.detection.kind is not track.kind else 0.0
-        return distance + other + _OTHER_SIZE * silhouette.share_seen * growth
+        return (
+            distance + _kind_cost(track.kind, silhouette.detection.kind) + _OTHER_SIZE * silhouette.share_seen * growth
+        )
 
     # --------------------------------------------------------------------------------------------------------- updates
     def _measure(self, track: Track, silhouette: Silhouette, expected: list[FloatArray]) -> None:
@@ -322,6 +329,12 @@ class Tracker:
         vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
+
+
+def _kind_cost(known: Kind, seen: Kind) -> float:
+    if known is seen:
+        return 0.0
+    return _SIMILAR_KIND if frozenset({known, seen}) in _ALIKE else _OTHER_KIND
 
 
 def _around(track: Track, pose: FloatArray, silhouette: Silhouette) -> FloatArray:
