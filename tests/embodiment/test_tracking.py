@@ -178,6 +178,19 @@ def test_a_ghost_leaves_no_trace() -> None:
     assert len(scenes.see(box, seen(DISC, 0.15, 0.15), times=3)) == 2
 
 
+@pytest.mark.parametrize("times", [4, 10])
+def test_what_appears_late_close_to_the_edge_and_is_soon_gone_was_none(times) -> None:
+    """Such as a piece of the arm's shadow."""
+    scenes = Scenes()
+    scenes.see(seen(BOX, 0.0, 0.0), times=3)
+    scenes.see(seen(BOX, 0.0, 0.0), seen(DISC, -0.21, 0.0), times=times)
+    tracks = scenes.see(seen(BOX, 0.0, 0.0), times=3)
+    if times < 10:
+        assert [track.id for track in tracks] == [0] and scenes.tracker.is_settled
+    else:
+        assert [track.is_dropped for track in tracks] == [False, True]
+
+
 def test_a_second_detection_of_an_object_and_things_beside_the_surface_are_none() -> None:
     scenes = Scenes()
     tracks = scenes.see(seen(BOX, 0.0, 0.0), seen(BOX, 0.004, 0.0), seen(DISC, 0.4, 0.0), times=4)

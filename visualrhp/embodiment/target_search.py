@@ -39,6 +39,10 @@ _PREFERENCE: Final = 0.25
 
 _LEAST_HUE: Final = 0.1
 
+_SATURATION: Final = 0.3
+"""Colour over grey, relative to that of the print, below which a place counts less: a grey may have a tinge of its hue.
+"""
+
 _LEAST_PART: Final = 0.15
 """Share of the print and of its surroundings that has to be seen."""
 
@@ -211,15 +215,17 @@ def _scores(
 
 
 def _likeness(means: list[FloatArray], colour: tuple[float, float, float]) -> FloatArray:
-    """How much the hue of the innermost part is that of the print, in [0, 1]: the cosine of the angle between the
-    colours without their grey, and 0 for a grey."""
+    """How much the colour of the innermost part is that of the print, in [0, 1]: the cosine of the angle between the
+    colours without their grey; less for one that is much closer to grey than the print."""
     grey = (means[0] + means[1] + means[2]) / 3.0
     wanted = np.array(colour) - np.mean(colour)
+    least = _SATURATION * np.linalg.norm(wanted) / np.mean(colour)
     wanted /= np.linalg.norm(wanted)
     along = sum((mean - grey) * part for mean, part in zip(means, wanted.tolist(), strict=True))
     length = np.sqrt(sum((mean - grey) ** 2 for mean in means))
     # A square root, since a light with a colour of its own turns the hue.
-    return np.sqrt(np.clip(along / np.maximum(length, 1.0), 0.0, 1.0))
+    hue = np.sqrt(np.clip(along / np.maximum(length, 1.0), 0.0, 1.0))
+    return hue * np.clip(length / np.maximum(least * grey, 1.0), 0.0, 1.0)
 
 
 def _vertex(values: FloatArray, index: int) -> float:

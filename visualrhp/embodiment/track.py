@@ -50,6 +50,7 @@ class Track:
         num_seen: views in which it was detected.
         num_missed: last views in a row in which it was neither detected nor hidden.
         num_disagreeing: last views in a row that did not agree with the outline.
+        is_late: it appeared when all that was there had been seen before: the shadow of the arm, maybe.
         last_seen_s: time of the last view in which it was detected [s].
         is_hidden: something hides it in the last view.
         is_held: it is between the closed fingers.
@@ -67,6 +68,7 @@ class Track:
     num_seen: int = 1
     num_missed: int = 0
     num_disagreeing: int = 0
+    is_late: bool = False
     last_seen_s: float = 0.0
     is_hidden: bool = False
     is_held: bool = False

@@ -45,6 +45,7 @@ class TrackerParameters:
     Attributes:
         confirm: views in a row in which a new object has to be seen before it counts.
         forget: views in a row in which an object that nothing hides has to be missed before it is dropped or lost.
+        established: views in which an object that appears late has to be seen before its absence means anything.
         gate: largest distance of a detection from where its track is expected [m].
         agreement: intersection over union from which on a view agrees with a track's outline.
         misfit: mean distance of the borders [m] up to which a view of a part agrees.
@@ -56,6 +57,7 @@ class TrackerParameters:
 
     confirm: Count = 3
     forget: Count = 3
+    established: Count = 10
     gate: Positive = 0.2
     agreement: Fraction = 0.85
     misfit: Positive = 3e-3
@@ -97,8 +99,6 @@ _SAME_SHAPE: Final = 0.96
 """Intersection over union from which on an outline is kept although a better view of it is there."""
 
 _DUPLICATE: Final = 0.5
-_OUTSIDE: Final = 0.03
-"""Distance [m] from the surface beyond which something new is no object of the task."""
 
 
 class Tracker:
@@ -118,6 +118,7 @@ class Tracker:
         self._last_gripper: GripperView | None = None
         self._predicted: dict[int, FloatArray] = {}
         self._next_id = 0
+        self._has_settled = False
 
     @property
     def tracks(self) -> tuple[Track, ...]:
@@ -179,6 +180,7 @@ class Tracker:
         for track in self._tracks:
             track.is_held = is_between_fingers(track, gripper, self._gripper)
         self._last_gripper, self._predicted = gripper, {}
+        self._has_settled = self._has_settled or self.is_settled
         if lost:
             named = ", ".join(f"{t.kind} {t.id} at ({t.pose[0]:z.3f}, {t.pose[1]:z.3f})" for t in lost)
             raise PerceptionError(
@@ -307,6 +309,9 @@ class Tracker:
             return False
         if track.num_missed < self.settings.forget:
             return False
+        if track.is_late and track.num_seen < self.settings.established:
+            self._tracks.remove(track)
+            return False
         place = shapely.Point(track.pose[:2])
         border = self._surface.exterior
         if border.distance(place) > self.settings.edge:
@@ -318,14 +323,19 @@ class Tracker:
         return False
 
     def _appear(self, silhouette: Silhouette, time_s: float) -> None:
-        """Start a track, unless it is no object of the task or a second detection of one."""
-        if self._surface.distance(silhouette.polygon.centroid) > _OUTSIDE or silhouette.share_seen < 0.2:
+        """Start a track, unless it is no object of the task or a second detection of one.
+
+        What was never on the surface cannot fall off it.
+        """
+        beyond = self._surface.distance(silhouette.polygon.centroid)
+        if beyond > self.settings.outside or silhouette.share_seen < 0.2:
             return
         if any(overlap(track.polygon, silhouette.polygon) > _DUPLICATE for track in self._tracks):
             return
         reference, pose = reference_of(silhouette, 0.0)
         track = Track(self._next_id, reference, pose, silhouette.heights, is_lying=silhouette.detection.is_lying)
         track.quality, track.last_seen_s, track.detection = silhouette.share_seen, time_s, silhouette.detection
+        track.is_late = self._has_settled
         vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
