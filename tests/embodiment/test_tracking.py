@@ -24,10 +24,10 @@ BOX = shapely.segmentize(shapely.box(-0.05, -0.03, 0.05, 0.03), 2e-3)
 DISC = shapely.Point(0.0, 0.0).buffer(0.035, quad_segs=24)
 
 
-def seen(outline, x: float, y: float, theta: float = 0.0, kind: Kind = Kind.BOX, is_lying: bool = False) -> Silhouette:
+def seen(outline, x: float, y: float, theta: float = 0.0, kind: Kind = Kind.BOX, is_lying: bool = False, score=1.0):
     turned = shapely.affinity.rotate(outline, theta, origin=(0, 0), use_radians=True)
     points = shapely.get_coordinates(shapely.orient_polygons(turned).exterior)[:-1] + (x, y)
-    detection = Detection(kind, is_lying, np.ones((1, 1), dtype=bool))
+    detection = Detection(kind, is_lying, np.ones((1, 1), dtype=bool), score)
     return Silhouette(detection, points, (0.03, 0.03), np.ones(len(points), dtype=bool), 1.0, shapely.Polygon())
 
 
@@ -195,6 +195,21 @@ def test_a_second_detection_of_an_object_and_things_beside_the_surface_are_none(
     scenes = Scenes()
     tracks = scenes.see(seen(BOX, 0.0, 0.0), seen(BOX, 0.004, 0.0), seen(DISC, 0.4, 0.0), times=4)
     assert len(tracks) == 1
+
+
+def test_an_unsure_detection_is_a_known_object_or_nothing() -> None:
+    scenes = Scenes()
+    scenes.see(seen(BOX, 0.0, 0.0), seen(DISC, 0.15, 0.1), times=3)
+    unsure, ghost = seen(BOX, 0.01, 0.0, score=0.4), seen(DISC, -0.15, 0.1, score=0.4)
+    box = scenes.see(unsure, ghost, seen(DISC, 0.15, 0.1), times=4)[0]
+    assert scenes.tracker.is_settled
+    assert box.pose[:2] == pytest.approx([0.01, 0.0], abs=1e-3)
+    # One that is sure comes first, even if it is further away.
+    box = scenes.see(unsure, seen(BOX, 0.06, 0.0), seen(DISC, 0.15, 0.1))[0]
+    assert box.pose[:2] == pytest.approx([0.06, 0.0], abs=1e-3)
+    scenes.see(ghost, seen(DISC, 0.15, 0.1), times=2)
+    with pytest.raises(PerceptionError, match="vanished: box 0"):
+        scenes.see(ghost, seen(DISC, 0.15, 0.1))
 
 
 def test_before_any_object_is_confirmed_all_are_told() -> None:

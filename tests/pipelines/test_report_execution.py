@@ -15,6 +15,8 @@ from visualrhp.errors import DataError
 from visualrhp.evaluation.execution_tables import read_rows, results_document
 from visualrhp.files import write_json
 
+RESULTS = Path(__file__).parents[2] / "docs" / "results" / "execution"
+
 
 def run(*overrides: str) -> Path:
     config = compose("report_execution", ReportExecutionConfig, list(overrides))
@@ -48,3 +50,13 @@ def test_what_is_missing_is_named(evaluated: Path) -> None:
     (evaluated / "outputs/execution/network/6-7/execution.json").write_text("{}")
     with pytest.raises(DataError, match=r"execution\.json is damaged.*make it again"):
         run()
+
+
+def test_the_results_in_the_repository_are_those_of_their_rows() -> None:
+    rows = read_rows(RESULTS / "executions.csv")
+    document = (RESULTS / "results.md").read_text(encoding="utf-8")
+    assert document == results_document(rows, OURS)
+    text = (RESULTS.parents[1] / "execution.md").read_text(encoding="utf-8")
+    results = text[text.index("## Results") : text.index("## Situations")]
+    tables = [line for line in results.splitlines() if line.startswith("|")]
+    assert len(tables) > 10 and set(tables) <= set(document.splitlines()), "docs/execution.md shows other results"

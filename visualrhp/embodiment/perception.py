@@ -92,7 +92,8 @@ class PerceptionParameters:
     """Settings of the parts of perception.
 
     Attributes:
-        least_score: of a detection that counts.
+        least_score: of a detection that counts; a known object is found with it, a new one needs
+            ``TrackerParameters.sure``.
         most_arm: share of a mask that may be the arm's; a detection with more is a part of the arm.
         frames: which images are refused.
         target: how the target region is found.
@@ -103,7 +104,7 @@ class PerceptionParameters:
             surface has moved.
     """
 
-    least_score: Fraction = 0.5
+    least_score: Fraction = 0.3
     most_arm: Fraction = 0.7
     frames: FrameChecks = Field(default_factory=FrameChecks)
     target: TargetSearch = Field(default_factory=TargetSearch)
@@ -191,10 +192,11 @@ class Perception:
                 for number, detection in enumerate(detections)
             ]
         with _timed(latencies, "target"):
-            target = self._find_target(image, robot, masks)
+            sure = [each.mask for each in detections if each.score >= self.settings.tracker.sure]
+            target = self._find_target(image, robot, sure)
         with _timed(latencies, "tracking"):
             seen: list[Silhouette] = [each for each in found if each is not None]
-            hidden, behind_arm = all_hidden(self.camera, robot, masks), all_hidden(self.camera, robot, [])
+            hidden, behind_arm = all_hidden(self.camera, robot, sure), all_hidden(self.camera, robot, [])
             self._tracker.update(seen, hidden, hand, frame.time_s, behind_arm)
             self._remember(image, robot, list(recalled.values()))
             tracks = self._ordered()

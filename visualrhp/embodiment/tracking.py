@@ -46,6 +46,8 @@ class TrackerParameters:
         confirm: views in a row in which a new object has to be seen before it counts.
         forget: views in a row in which an object that nothing hides has to be missed before it is dropped or lost.
         established: views in which an object that appears late has to be seen before its absence means anything.
+        sure: score of a detection from which on it may be a new object. One below it is an object that is known, close
+            to where it should be and not detected otherwise, or nothing.
         gate: largest distance of a detection from where its track is expected [m].
         agreement: intersection over union from which on a view agrees with a track's outline.
         misfit: mean distance of the borders [m] up to which a view of a part agrees.
@@ -58,6 +60,7 @@ class TrackerParameters:
     confirm: Count = 3
     forget: Count = 3
     established: Count = 10
+    sure: Fraction = 0.5
     gate: Positive = 0.2
     agreement: Fraction = 0.85
     misfit: Positive = 3e-3
@@ -91,6 +94,9 @@ _UNLIKELY: Final = 0.02
 _UNEXPECTED: Final = 0.04
 """Costs [m] of assigning a detection to a track that was there and should have moved, and to one that should be hidden
 or has fallen."""
+
+_CLOSE: Final = 0.05
+"""Cost [m] up to which a detection that is not sure is a known object."""
 
 _LITTLE: Final = 0.4
 """Share of an outline below which what is seen of it, if it does not fit, tells hardly more than that it is there."""
@@ -218,9 +224,11 @@ class Tracker:
         for number, track in enumerate(self._tracks if len(silhouettes) < len(self._tracks) else ()):
             if track.is_dropped or hidden_share(track, expected[number][-1], hidden) >= self.settings.hidden:
                 costs[number] += _UNEXPECTED
-        far = 10.0
-        rows, columns = linear_sum_assignment(np.where(np.isfinite(costs), costs, far))
-        return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if np.isfinite(costs[r, c])}
+        # First the detections that are sure, then the others for what is left (ByteTrack, Zhang et al., 2022).
+        is_sure = np.array([each.detection.score >= self.settings.sure for each in silhouettes])
+        pairs = _matched(np.where(is_sure, costs, np.inf))
+        is_left = np.array([number not in pairs for number in range(len(self._tracks))])
+        return pairs | _matched(np.where(is_left[:, None] & ~is_sure & (costs <= _CLOSE), costs, np.inf))
 
     def _cost(self, track: Track, expected: list[FloatArray], silhouette: Silhouette) -> float:
         distances = [float(np.hypot(*(pose[:2] - silhouette.centroid))) for pose in expected]
@@ -330,6 +338,8 @@ class Tracker:
         beyond = self._surface.distance(silhouette.polygon.centroid)
         if beyond > self.settings.outside or silhouette.share_seen < 0.2:
             return
+        if silhouette.detection.score < self.settings.sure:
+            return
         if any(overlap(track.polygon, silhouette.polygon) > _DUPLICATE for track in self._tracks):
             return
         reference, pose = reference_of(silhouette, 0.0)
@@ -339,6 +349,13 @@ class Tracker:
         vote(track, silhouette)
         self._next_id += 1
         self._tracks.append(track)
+
+
+def _matched(costs: FloatArray) -> dict[int, int]:
+    """Column of each row in the assignment of least cost; pairs of infinite cost are none."""
+    far = 10.0
+    rows, columns = linear_sum_assignment(np.where(np.isfinite(costs), costs, far))
+    return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if np.isfinite(costs[r, c])}
 
 
 def _kind_cost(known: Kind, seen: Kind) -> float:
