@@ -159,6 +159,27 @@ def test_a_motion_is_withheld_when_the_scene_changed_while_the_planner_thought()
     assert second.object_poses[0, 1] == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("is_moved", [False, True])
+def test_what_goes_on_slipping_hinders_no_motion_while_everything_stays_in_its_place(is_moved):
+    task = pushing_task()
+    cell = PlanarCell(task)
+    slips = []
+
+    def slip(number):
+        if len(slips) >= 4:
+            return
+        slips.append(number)
+        before = cell.state
+        poses = before.object_poses + (0.03 * is_moved, 0.0, 0.0)
+        cell.state = State.create(before.gripper_pose, before.gripper_opening - 0.006, before.gripper_closed, poses)
+
+    world, result = run(cell, Scripted(FORWARD, before=slip))
+    withheld = sum(each.is_withheld for each in world.latencies)
+    assert withheld == (4 if is_moved else 3)
+    assert (result.outcome == "stopped") == is_moved
+    assert (np.ptp([state.gripper_pose[0] for state in result.episode.states]) > 0.04) != is_moved
+
+
 def test_a_motion_is_withheld_when_an_object_slipped_out_of_the_fingers():
     """The fingers closed further after the view, and now they stand still: the planner decides on a new view."""
     cell = PlanarCell(pushing_task())

@@ -217,7 +217,8 @@ class RobotWorld(World):
             raise CellFault("the robot has moved and has not looked since; an action needs a view")
         if self._is_current(sight):
             return sight
-        is_gripped = self._is_gripped_as_in(sight)
+        # Something that goes on slipping, while everything stays in its place, hinders no motion.
+        is_gripped = self._is_gripped_as_in(sight) or self._num_withheld == self._looker.limits.max_withheld
         self._renew()
         assert self.sight is not None
         if is_gripped and self._looker.agree(sight.view, self.sight.view):
