@@ -6,10 +6,13 @@ the goal reached, and it was.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from visualrhp.documents import FileKind, brief, document
@@ -99,8 +102,8 @@ def read_executions(folder: Path, commit: str | None) -> pd.DataFrame:
         raise EXECUTIONS.damaged(path, f"it lacks the columns {', '.join(lacking)}")
     if not executions[shared].equals(episodes[shared].astype(executions[shared].dtypes)):
         raise EXECUTIONS.damaged(path, "its episodes are not those of episodes.parquet")
-    settings = episodes[["method", "experiment", "scene_num_objects", "seed", "max_decision_time_s"]]
-    rows = executions.join(settings.rename(columns={"experiment": "step"})).assign(commit=commit)
+    settings = episodes[["method", "scene_num_objects", "seed", "max_decision_time_s"]]
+    rows = executions.join(settings).assign(step=episodes["experiment"], commit=commit)
     return rows.reindex(columns=list(EXECUTION_COLUMNS))
 
 
@@ -130,9 +133,9 @@ def write_rows(path: Path, rows: pd.DataFrame) -> None:
         rows.to_csv(temporary, index=False, float_format="%.6g")
 
 
-def is_success(rows: pd.DataFrame) -> pd.Series:
+def is_success(rows: pd.DataFrame) -> npt.NDArray[np.bool_]:
     """Whether the robot saw the goal reached, and it was."""
-    return (rows["outcome"] == Outcome.SUCCESS.value) & rows["true_success"]
+    return np.asarray(rows["outcome"] == Outcome.SUCCESS.value) & np.asarray(rows["true_success"], dtype=np.bool_)
 
 
 def cause(outcome: str, true_success: bool, num_fallen: int, fault: str | None) -> str:
@@ -153,25 +156,21 @@ def rates_table(rows: pd.DataFrame) -> pd.DataFrame:
     lines = []
     for (clutter, step, method), group in _groups(rows):
         success = is_success(group)
-        outcome = group["outcome"]
-        rate = wilson_interval(int(success.sum()), len(group))
-        stopped = outcome.isin([Outcome.STOPPED.value, Outcome.UNREACHABLE.value, Outcome.DIVERGED.value])
-        gave_up = outcome.isin([Outcome.NO_PLAN.value, Outcome.PLAN_FAILED.value])
         lines.append(
             {
                 "objects": clutter,
                 "method": method,
                 "world": step,
                 "runs": len(group),
-                "success": _interval(rate),
-                "as seen": percent(float((outcome == Outcome.SUCCESS.value).mean())),
-                "dropped": int((outcome == Outcome.DROPPED.value).sum()),
-                "stopped": int(stopped.sum()),
-                "gave up": int(gave_up.sum()),
-                "out of actions": int((outcome == Outcome.OUT_OF_ACTIONS.value).sum()),
-                "actions": _number(group.loc[success, "num_actions"].mean(), 1),
-                "perception": _milliseconds(group["mean_perception_s"].mean()),
-                "decision": _milliseconds(group["mean_decision_s"].mean()),
+                "success": _interval(_rate(group)),
+                "as seen": percent(_count(group, Outcome.SUCCESS) / len(group)),
+                "dropped": _count(group, Outcome.DROPPED),
+                "stopped": _count(group, Outcome.STOPPED, Outcome.UNREACHABLE, Outcome.DIVERGED),
+                "gave up": _count(group, Outcome.NO_PLAN, Outcome.PLAN_FAILED),
+                "out of actions": _count(group, Outcome.OUT_OF_ACTIONS),
+                "actions": _number(_mean(np.asarray(group["num_actions"], float)[success]), 1),
+                "perception": _milliseconds(_mean(group["mean_perception_s"])),
+                "decision": _milliseconds(_mean(group["mean_decision_s"])),
             }
         )
     return pd.DataFrame(lines)
@@ -180,10 +179,10 @@ def rates_table(rows: pd.DataFrame) -> pd.DataFrame:
 def pairs_table(rows: pd.DataFrame, method: str) -> pd.DataFrame:
     """``method`` against every other one on the same cells, in the same world: difference and McNemar's exact test."""
     lines = []
-    for (clutter, step), group in rows.groupby(["scene_num_objects", "step"], sort=False):
-        own = group.loc[group["method"] == method]
-        for other in order_methods([str(name) for name in group["method"].unique() if name != method]):
-            compared = _compared(own, group.loc[group["method"] == other])
+    for (clutter, step, other), group in _groups(rows):
+        own = rows.loc[(rows["scene_num_objects"] == clutter) & (rows["step"] == step) & (rows["method"] == method)]
+        if other != method:
+            compared = _compared(own, group)
             if compared is not None:
                 lines.append({"objects": clutter, "world": step, "against": other, **compared})
     return pd.DataFrame(lines)
@@ -199,8 +198,7 @@ def steps_table(rows: pd.DataFrame, method: str) -> pd.DataFrame:
             if here.empty:
                 continue
             compared = _compared(here, before) if before is not None else None
-            rate = wilson_interval(int(is_success(here).sum()), len(here))
-            line = {"objects": clutter, "world": step, "what": words, "success": _interval(rate)}
+            line = {"objects": clutter, "world": step, "what": words, "success": _interval(_rate(here))}
             lines.append(line | (compared or {"cells": len(here), "difference": "–", "90% interval": "–", "p": "–"}))
             before = here
     return pd.DataFrame(lines)
@@ -275,8 +273,23 @@ def _compared(own: pd.DataFrame, other: pd.DataFrame) -> dict[str, Any] | None:
 
 
 def _outcomes(rows: pd.DataFrame) -> pd.DataFrame:
-    keyed = rows.assign(success=is_success(rows)).set_index(["seed", "episode"])
-    return keyed[["success", "num_actions", "max_decision_time_s"]]
+    columns = ["success", "num_actions", "max_decision_time_s"]
+    return rows.assign(success=is_success(rows)).set_index(["seed", "episode"]).reindex(columns=columns)
+
+
+def _rate(rows: pd.DataFrame) -> Estimate:
+    return wilson_interval(int(is_success(rows).sum()), len(rows))
+
+
+def _count(rows: pd.DataFrame, *outcomes: Outcome) -> int:
+    return int(np.isin(np.asarray(rows["outcome"], dtype=str), [outcome.value for outcome in outcomes]).sum())
+
+
+def _mean(values: npt.ArrayLike) -> float:
+    """Of the values that are there; NaN without any."""
+    numbers = np.asarray(values, dtype=np.float64)
+    numbers = numbers[~np.isnan(numbers)]
+    return float(numbers.mean()) if numbers.size else math.nan
 
 
 def _interval(rate: Estimate) -> str:
