@@ -122,7 +122,7 @@ def test_causes_are_counted() -> None:
         "seen as a success, but it was none": 0,
         "stopped: an object was no longer seen": 1,
     }
-    assert table["2-3, network"].sum() == 1
+    assert table["2-3, network"].tolist().count(1) == 1
 
 
 def test_rows_survive_a_file_in_an_order_of_their_own(tmp_path: Path) -> None:
