@@ -244,6 +244,15 @@ def test_of_two_of_a_kind_the_one_that_should_be_in_sight_is_seen() -> None:
     assert not second.is_hidden and second.pose[:2] == pytest.approx([-0.08, 0.05], abs=1e-6)
 
 
+@pytest.mark.parametrize(("kind", "ids"), [(Kind.APPLE, [0]), (Kind.BOX, [0, 1])])
+def test_what_rolled_away_behind_the_arm_is_no_new_object(kind, ids) -> None:
+    scenes = Scenes()
+    scenes.see(seen(DISC, -0.1, -0.1, kind=Kind.APPLE), times=3)
+    scenes.see(hidden=EVERYTHING)
+    tracks = scenes.see(seen(DISC, 0.1, 0.1, kind=kind), hidden=EVERYTHING, times=3)
+    assert [track.id for track in tracks] == ids
+
+
 def test_a_cup_that_tipped_over_is_no_apple() -> None:
     """Both are expected below the arm; what comes out, closer to where the apple was, looks like a bottle."""
     scenes = Scenes()

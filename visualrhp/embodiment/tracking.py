@@ -49,6 +49,8 @@ class TrackerParameters:
         sure: score of a detection from which on it may be a new object. One below it is an object that is known, close
             to where it should be and not detected otherwise, or nothing.
         gate: largest distance of a detection from where its track is expected [m].
+        lost_gate: the same for a track that was not detected in the last view, and a detection of its kind [m]: what
+            is behind the arm may roll, and there are no more objects than before.
         agreement: intersection over union from which on a view agrees with a track's outline.
         misfit: mean distance of the borders [m] up to which a view of a part agrees.
         hidden: share of an outline behind something from which on the object need not be detected.
@@ -62,6 +64,7 @@ class TrackerParameters:
     established: Count = 10
     sure: Fraction = 0.5
     gate: Positive = 0.2
+    lost_gate: Positive = 0.4
     agreement: Fraction = 0.85
     misfit: Positive = 3e-3
     hidden: Fraction = 0.4
@@ -232,7 +235,8 @@ class Tracker:
 
     def _cost(self, track: Track, expected: list[FloatArray], silhouette: Silhouette) -> float:
         distances = [float(np.hypot(*(pose[:2] - silhouette.centroid))) for pose in expected]
-        if min(distances) > self.settings.gate:
+        is_lost = track.detection is None and track.kind is silhouette.detection.kind
+        if min(distances) > (self.settings.lost_gate if is_lost else self.settings.gate):
             return np.inf
         distance = min(distances[-1], min(distances) + _UNLIKELY)
         growth = abs(float(np.log(silhouette.area / track.reference.shape.area)))
