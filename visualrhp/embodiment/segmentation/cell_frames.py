@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Final
 
 import cv2
@@ -19,7 +20,9 @@ from visualrhp.embodiment.segmentation.frames import FIRST_INSTANCE, LabelledFra
 from visualrhp.embodiment.segmentation.scores import SeenObject
 from visualrhp.embodiment.simulated_cell.cell import MIN_VISIBLE_PIXELS, ROBOT, SimulatedCell
 from visualrhp.embodiment.simulated_cell.sampling import CellDistribution, sample_cell
+from visualrhp.embodiment.simulated_cell.task import TABLE_SIDE, CellTask
 from visualrhp.errors import SimulationError, UnreachableError
+from visualrhp.scene.scene import TargetRegion
 from visualrhp.simulation.action_spaces import MAX_ROTATION, MAX_TRANSLATION, GripperMotion
 from visualrhp.streams import Split, Stream, generator_for
 
@@ -63,7 +66,10 @@ def visits(
     If the physics diverges, which happens when bodies are wedged, the frames so far are all.
     """
     generator = generator_for(seed, split, index, Stream.FRAMES)
-    cell = SimulatedCell(sample_cell(distribution, seed, split, index))
+    task = sample_cell(distribution, seed, split, index)
+    if generator.random() < sampling.on_target:
+        task = _with_object_on_target(task, generator)
+    cell = SimulatedCell(task)
     kinematics = ArmKinematics(cell.task.mounting)
     try:
         for number in range(sampling.frames_per_cell):
@@ -121,6 +127,15 @@ def _pixels_of(cell: SimulatedCell, outline: shapely.Polygon) -> float:
     ring = shapely.get_coordinates(outline.exterior)
     points = np.column_stack([ring, np.zeros(len(ring))])
     return float(shapely.Polygon(cell.camera.project(points)).area)
+
+
+def _with_object_on_target(task: CellTask, generator: np.random.Generator) -> CellTask:
+    """The same cell with its target region below one of its objects, within the edges."""
+    radius = task.target.radius
+    place = task.poses[int(generator.integers(len(task.objects))), :2]
+    limit = 0.5 * TABLE_SIDE - radius
+    position = np.clip(place + generator.normal(0.0, 0.5 * radius, 2), -limit, limit)
+    return replace(task, target=TargetRegion(position, radius))
 
 
 def _move_about(

@@ -16,12 +16,15 @@ class FrameSampling:
         motions: most motions before each frame.
         grasp: probability that a motion opens or closes the fingers.
         settle_s: time after the motions [s]; objects may still roll.
+        on_target: probability that the target region is printed where an object is, as at the end of a task: some look
+            like it.
     """
 
     frames_per_cell: Count = 3
     motions: Count = 3
     grasp: Fraction = 0.25
     settle_s: NonNegative = 0.2
+    on_target: Fraction = 0.5
 
 
 @parameters
