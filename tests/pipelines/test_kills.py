@@ -90,9 +90,11 @@ NOT_KILLED = {
     "evaluate_segmenter",
     "execute",
     "generate_frames",
+    "report_execution",
     "train_segmenter",
 }
-"""Of the execution phase: their resumption is tested in test_execute and test_segmenter, without kills."""
+"""Of the execution phase: their resumption is tested in test_execute and test_segmenter, without kills; its report is
+made in one piece."""
 
 
 def test_the_stages_of_the_harness_are_all_pipelines() -> None:
