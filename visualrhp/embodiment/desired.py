@@ -28,8 +28,8 @@ class DesiredObject:
     Attributes:
         kind: what it is.
         which: of several, in the order of their distance from the base of the robot, the closest first; from 0.
-        place: a point on it or close to it; only objects there are counted, in the order of
-            their distance from it. None to name it without a place.
+        place: a point on it or close to it; only objects there are counted, in the order of their distance from it.
+            None to name it without a place.
     """
 
     kind: Kind = Field(default=Kind.ORANGE, strict=False)
