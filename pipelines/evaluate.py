@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ from pipelines.workflow.app import app
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipelines.cells import Cells, Rows
     from pipelines.config import EvaluateConfig
     from pipelines.points import Point
     from pipelines.workflow.tracking import Run
@@ -32,6 +34,7 @@ _log = logging.getLogger(__name__)
 STAGE = "evaluate"
 
 _JOURNAL = "episodes.jsonl"
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}{postfix}]"
 _SLOW = ("kinodynamic_rrt", "closed_loop_krrt", "dhrrt")
 
 
@@ -60,7 +63,9 @@ class Unit:
 @app(STAGE)
 def main(config: EvaluateConfig) -> None:
     """Run the missing episodes, and publish the artefact."""
+    from pipelines.cells import Cells
     from pipelines.points import compose_points, network_hashes, prepare
+    from pipelines.workflow.artefacts import anchored_outputs
     from pipelines.workflow.publishing import publish
     from pipelines.workflow.tracking import open_run
     from pipelines.workflow.workspace import open_work
@@ -69,39 +74,65 @@ def main(config: EvaluateConfig) -> None:
     inputs = network_hashes(points)
     name = "suite" if config.suite is not None else f"{config.planner.name} {config.action_space.name}"
     with open_work(config, STAGE, inputs) as work, open_run(config, STAGE, f"evaluate {name}", work) as run:
-        publish(evaluate(config, points, work, run), config.paths.artefact, STAGE)
+        cells = Cells(anchored_outputs(config) / "cells", config.reuse)
+        publish(evaluate(config, points, work, cells, run), config.paths.artefact, STAGE)
 
 
-def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: Run) -> Path:
-    """Run the episodes that are missing in ``work``, and summarize all; return the folder of the artefact."""
+def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, cells: Cells, run: Run) -> Path:
+    """Run the episodes that are missing in ``work`` and ``cells``, and summarize all; return the artefact's folder."""
     from tqdm import tqdm
 
     from pipelines.points import network_hashes
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.executor import run_tasks, worker_count
+    from pipelines.workflow.forecast import Forecast
     from pipelines.workflow.workspace import empty_folder
     from visualrhp.evaluation.episodes import EpisodeRow, episodes_table, write_episodes
     from visualrhp.evaluation.journal import Journal
-    from visualrhp.evaluation.summaries import metrics_by_method, summary_lines, summary_tables
+    from visualrhp.evaluation.summaries import duration, metrics_by_method, summary_lines, summary_tables
     from visualrhp.files import atomic_path, write_json
 
     journal = Journal(work / _JOURNAL, EpisodeRow)
-    units: list[tuple[Point, Unit]] = []
+    rows: dict[str, Rows] = {}  # of every point, by its identity
+    missing: list[Unit] = []
+    by_identity = {point.identity: point for point in points}
     for point in points:
         networks = {m: file.store(work / "networks") for m, file in point.networks.items()}
-        units += [(point, Unit(point.identity, point.config, index, networks)) for index in point.episodes]
-    missing = [unit for _, unit in units if unit.key not in journal]
-    if journal:
-        _log.info("%d episodes are finished, %d remain.", len(journal), len(missing))
-    # Slow ones first, so that none of them is still running alone at the end.
-    missing.sort(key=lambda unit: unit.config.planner.algorithm not in _SLOW)
+        rows[point.identity] = cells.finished(point)
+        for unit in (Unit(point.identity, point.config, index, networks) for index in point.episodes):
+            if unit.key in journal:
+                rows[point.identity][unit.episode] = journal[unit.key]
+            elif unit.episode not in rows[point.identity]:
+                missing.append(unit)
+    remaining = Counter(unit.identity for unit in missing)
+    for point in points:
+        if not remaining[point.identity]:
+            cells.keep(point, rows[point.identity])
+    num_episodes = sum(len(point.episodes) for point in points)
+    if len(missing) < num_episodes:
+        _log.info("%d episodes are finished, %d remain.", num_episodes - len(missing), len(missing))
+    # One of each cell first, which tells how long all will take. Then slow ones, so that none runs alone at the end.
+    first = {unit.identity: unit.key for unit in reversed(missing)}
+    missing.sort(key=lambda unit: (unit.key != first[unit.identity], unit.config.planner.algorithm not in _SLOW))
+    forecast = Forecast(remaining)
     started = time.perf_counter()
     results = run_tasks(run_unit, missing, config.executor)
-    for key, row in tqdm(results, total=len(missing), desc="episodes", unit="episode", smoothing=0.05):
-        journal.append(key, row)
+    with tqdm(total=len(missing), desc="episodes", unit="episode", bar_format=_BAR) as progress:
+        for key, row in results:
+            journal.append(key, row)
+            identity, _, index = key.partition("/")
+            rows[identity][int(index)] = row
+            remaining[identity] -= 1
+            if not remaining[identity]:
+                cells.keep(by_identity[identity], rows[identity])
+            forecast.finished(identity, row["execution_time_s"])
+            progress.set_postfix_str(f"{duration(forecast.remaining_s(time.perf_counter() - started))} remain", False)
+            progress.update()
     wall_time = time.perf_counter() - started
 
-    episodes = episodes_table((point.setting, unit.episode, journal[unit.key]) for point, unit in units)
+    episodes = episodes_table(
+        (point.setting, index, rows[point.identity][index]) for point in points for index in point.episodes
+    )
     artefact = empty_folder(work / "artefact")
     write_episodes(artefact / "episodes.parquet", episodes)
     write_json(artefact / "metrics.json", metrics_by_method(episodes))
@@ -112,6 +143,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, run: R
         "points": [point.card for point in points],
         "networks": network_hashes(points),
         "num_episodes": len(episodes),
+        "num_reused": num_episodes - len(missing),
         "wall_time_s": round(wall_time, 1),
         "num_workers": worker_count(config.executor),
     }
@@ -148,17 +180,14 @@ def run_unit(unit: Unit) -> tuple[str, dict[str, Any]]:
 
 
 def log_to_tracker(run: Run, episodes: pd.DataFrame) -> None:
-    """Log one child run per method and action space: metrics, and metrics by number of objects, which is the step."""
-    from visualrhp.evaluation.summaries import method_summaries
+    """Log one child run per method and setting, and the success rates of the headline rows."""
+    from visualrhp.evaluation.summaries import cell_summaries, metrics_by_method
 
-    for summary in method_summaries(episodes):
-        method, space = summary.method, summary.action_space
-        params = {"method": method, "action_space": space, "episodes": summary.num_episodes}
-        with run.child(f"{method}, {space}", params) as child:
-            child.log_metrics(summary.metrics)
-            for num_objects, metrics in summary.by_num_objects.items():
-                child.log_metrics({f"by_num_objects/{name}": v for name, v in metrics.items()}, step=num_objects)
-        run.log_metrics({f"success_rate/{method} {space}": summary.success_rate})
+    for cell in cell_summaries(episodes):
+        with run.child(cell.name, cell.setting) as child:
+            child.log_metrics(cell.metrics)
+    for space, methods in metrics_by_method(episodes).items():
+        run.log_metrics({f"success_rate/{name} {space}": metrics["success_rate"] for name, metrics in methods.items()})
 
 
 if __name__ == "__main__":

@@ -47,6 +47,16 @@ class Point:
 
         return content_hash(result_config(self.config) | {"num_episodes": None, "suite": None})[:16]
 
+    @cached_property
+    def cell(self) -> str:
+        """A hash of all that the results of a prepared point depend on: the content of networks, not their place."""
+        from pipelines.workflow.artefacts import code_hash, content_hash, result_config_without_locations
+
+        config = result_config_without_locations(self.config)
+        config |= {"num_episodes": None, "suite": None, "heuristics": None, "reuse": None}
+        networks = {str(m): file.sha256 for m, file in self.networks.items()}
+        return content_hash({"config": config, "networks": networks, "code": code_hash()})[:16]
+
     @property
     def setting(self) -> Setting:
         """The columns of the setting in the table of episodes."""

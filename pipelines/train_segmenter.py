@@ -66,7 +66,8 @@ def train(config: TrainSegmenterConfig, content_hash: str, work: Path, run: Run)
             progress.update()
             progress.set_postfix({"loss": f"{row['train/loss']:.3f}"})
     folder = empty_folder(work / "artefact")
-    table = pd.DataFrame(learner.history).drop(columns="samples_per_s")
+    table = pd.DataFrame(learner.history).drop(columns="samples_per_s").set_index("epoch")
+    table = table.sort_index(axis="columns").reset_index()  # rows from before a restart have another order
     with atomic_path(folder / "curves.csv") as path:
         table.to_csv(path, index=False, float_format="%.5g")
     metrics = {name: float(value) for name, value in table.iloc[-1].items()}

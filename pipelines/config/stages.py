@@ -182,6 +182,7 @@ class EvaluateConfig(PipelineConfig):
             the planner.
         suite: blocks of settings by name: a key of the configuration -> its values; every combination of a block is
             evaluated. Null for the single setting of the other keys.
+        reuse: whether episodes that were run before with the same configuration, code and networks are not run again.
     """
 
     scene: SceneDistribution
@@ -191,6 +192,7 @@ class EvaluateConfig(PipelineConfig):
     num_episodes: Count
     heuristics: str | None
     suite: dict[str, dict[str, Any]] | None
+    reuse: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -74,7 +74,7 @@ def open_work(
 def reserved_paths(config: PipelineConfig) -> tuple[Path, ...]:
     """Folders and files in the outputs that belong to the pipelines themselves."""
     outputs = anchored_outputs(config)
-    return tuple(outputs / name for name in ("work", "hydra", "mlruns", "mlflow.db"))
+    return tuple(outputs / name for name in ("work", "hydra", "cells", "mlruns", "mlflow.db"))
 
 
 def work_folder(config: PipelineConfig, stage: str, inputs: Mapping[str, str] | None = None) -> Path:

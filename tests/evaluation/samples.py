@@ -71,6 +71,9 @@ def sample_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
         }
         row.setdefault("dropped", not row["success"])
         row["outcome"] = "success" if row["success"] else "dropped" if row["dropped"] else "out of actions"
+        row.setdefault(
+            "failure", {"success": "none", "dropped": "obstacle dropped"}.get(row["outcome"], row["outcome"])
+        )
         row["action_efficiency"] = row["num_objects"] / row["num_actions"] if row["success"] else np.nan
         row["mean_decision_time_s"] = row["decision_time_s"] / row["num_actions"]
         row["execution_time_s"] = row["decision_time_s"] + row["simulation_time_s"]

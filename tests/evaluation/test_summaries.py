@@ -10,9 +10,10 @@ import pytest
 from tests.evaluation.samples import ablation_table, sample_table
 from visualrhp.evaluation.metrics import wilson_interval
 from visualrhp.evaluation.summaries import (
+    cell_summaries,
     duration,
+    failure_counts,
     main_rows,
-    method_summaries,
     metrics_by_method,
     percent,
     random_num_objects,
@@ -45,6 +46,7 @@ def test_tables_have_a_row_per_line_and_key(episodes):
         "by_num_objects": 8 * 7,
         "by_size": 8 * 3 * 3,
         "by_noise": 8 * 7 + 4 * 7,
+        "failures": 8 * 7 + 4 * 7,
     }
     assert list(tables["by_num_objects"].columns[:3]) == ["label", "num_objects", "episodes"]
     assert set(tables["summary"]["label"]) >= {"VisualRHP 3x3, continuous", "mine 2x5, discrete"}
@@ -59,26 +61,31 @@ def test_metrics_by_method_leave_out_what_has_no_value():
     assert none["success_rate"] == 0.0 and "action_efficiency" not in none
 
 
-def test_every_method_is_summarized_in_the_order_of_legends(episodes):
-    summaries = list(method_summaries(episodes))
-    assert [(summary.action_space, summary.method) for summary in summaries] == [
+def test_every_cell_is_summarized_in_the_order_of_legends(episodes):
+    cells = list(cell_summaries(episodes))
+    assert list(dict.fromkeys((cell.setting["action_space"], cell.setting["method"]) for cell in cells)) == [
         (space, method)
         for space in ("continuous", "discrete")
         for method in ("VisualRHP 6x6", "VisualRHP 3x3", "Greedy", "mine 2x5")
     ]
-    first = summaries[0]
-    rows = episodes.loc[(episodes["horizon"] == 6) & (episodes["action_space"] == "continuous")]
-    assert first.num_episodes == len(rows)
-    assert first.success_rate == first.metrics["success_rate"] == main_rows(rows)["success"].mean()
-    assert sorted(first.by_num_objects) == [1, 2, 3, 4, 5, 6, 7]
-    assert all(not math.isnan(value) for value in first.by_num_objects[4].values())
+    assert len({cell.name for cell in cells}) == len(cells)
+    assert sum(cell.setting["num_episodes"] for cell in cells) == len(episodes)
+    (cell,) = (cell for cell in cells if cell.name == "Greedy, continuous, 4 objects, noise high")
+    keys = {"planner": "Greedy", "action_space": "continuous", "scene_num_objects": "4", "noise_level": "high"}
+    rows = episodes.loc[(episodes[list(keys)] == pd.Series(keys)).all(axis=1)]
+    assert cell.metrics["success_rate"] == rows["success"].mean()
+    failures = [count for name, count in cell.metrics.items() if name.startswith("failures/")]
+    assert sum(failures) == (~rows["success"]).sum() > 0
 
 
-def test_a_method_without_headline_episodes_has_no_headline_rate(episodes):
-    small = (episodes["planner"] == "mine") & (episodes["object_size"] != "small")
-    own = next(s for s in method_summaries(episodes.loc[~small]) if s.method == "mine 2x5")
-    assert own.success_rate is None and not own.by_num_objects
-    assert own.metrics["success_rate"] >= 0.0
+def test_failures_are_counted_by_method_and_number_of_objects():
+    kinds = ["none", "idle", "idle", "jam"]
+    rows = [{"success": kind == "none", "failure": kind} for kind in kinds]
+    others = [{"num_objects": 5, "success": False, "failure": "jam"}, {"object_size": "small", "success": True}]
+    table = failure_counts(sample_table([*rows, *others]))
+    assert table["episodes"].tolist() == [4, 1]
+    assert (table["idle"].tolist(), table["jam"].tolist(), table["gave up"].tolist()) == ([2, 0], [1, 1], [0, 0])
+    assert "none" not in table
 
 
 def test_lines_of_text(episodes):

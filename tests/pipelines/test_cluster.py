@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 
 from pipelines import evaluate, generate_demos
+from pipelines.cells import Cells
 from pipelines.config import EvaluateConfig, ExecutorConfig, GenerateDemosConfig
 from pipelines.points import compose_points, prepare
 from pipelines.workflow import executor as workflow_executor
@@ -126,7 +127,9 @@ def test_evaluation_gives_the_same_rows(tmp_path: Path, cluster: Cluster) -> Non
         config = compose("evaluate", EvaluateConfig, [*settings, *executor])
         (tmp_path / name).mkdir()
         with open_run(config, "evaluate", "test") as run:
-            folder = evaluate.evaluate(config, prepare(compose_points(config)), tmp_path / name, run)
+            folder = evaluate.evaluate(
+                config, prepare(compose_points(config)), tmp_path / name, Cells(tmp_path / name / "cells"), run
+            )
         tables.append(pd.read_parquet(folder / "episodes.parquet").drop(columns=TIMES))
     pd.testing.assert_frame_equal(*tables)
 

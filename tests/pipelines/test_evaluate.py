@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from pipelines import evaluate as pipeline
+from pipelines.cells import Cells
 from pipelines.config import EvaluateConfig, ExecutorConfig
 from pipelines.points import compose_points, prepare
 from pipelines.workflow.app import compose
@@ -39,7 +40,7 @@ def configure(*overrides: str, suite: dict[str, dict[str, Any]] | None = None) -
 def evaluate(work: Path, config: EvaluateConfig) -> Path:
     work.mkdir(parents=True, exist_ok=True)
     with open_run(config, "evaluate", "test") as run:
-        return pipeline.evaluate(config, prepare(compose_points(config)), work, run)
+        return pipeline.evaluate(config, prepare(compose_points(config)), work, Cells(work / "cells"), run)
 
 
 def episodes_in(artefact: Path) -> pd.DataFrame:

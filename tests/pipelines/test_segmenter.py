@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -85,6 +85,20 @@ def test_the_network_has_a_card_and_curves(network: Path, frames: Path) -> None:
     assert card["config"]["network"]["widths"] == [4, 6, 8]
     assert len((network / "curves.csv").read_text().splitlines()) == 3
     assert json.loads((network / "metrics.json").read_text())["epoch"] == 2
+
+
+def test_an_interrupted_training_is_continued_to_the_same_files(frames: Path, network: Path, tmp_path: Path) -> None:
+    class Interrupted:
+        def log_metrics(self, metrics: dict[str, float], step: int) -> None:
+            if step == 1:
+                raise KeyboardInterrupt
+
+    config = compose("train_segmenter", TrainSegmenterConfig, [*SETTINGS, *TINY, f"frames={frames}"])
+    with pytest.raises(KeyboardInterrupt):
+        train_segmenter.train(config, read_card(frames).content_hash, tmp_path, cast("Any", Interrupted()))
+    folder = trained(frames, tmp_path)
+    for name in ("curves.csv", "metrics.json", "segmenter.onnx"):
+        assert (folder / name).read_bytes() == (network / name).read_bytes()
 
 
 def test_frames_that_were_replaced_are_refused(frames: Path, tmp_path: Path) -> None:

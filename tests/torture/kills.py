@@ -53,6 +53,9 @@ class Stage:
 _DISCRETE = "action_space=discrete"
 _DEMONSTRATIONS = "demonstrations={inputs}/generate_demos/discrete"
 _START = "heuristic={inputs}/train_il/discrete/image"
+_FRAMES = ("num_cells=12", "cell.num_objects=3", "sampling.frames_per_cell=1", "sampling.motions=1")
+_NETWORK = ("network.widths=[4,6,8]", "network.blocks=[1,1]", "network.decoder_width=6", "network.fine_width=4")
+_ROBOT = ("planner=kinodynamic_rrt", "segmenter=true_state", "cell.num_objects=2")
 _PLANNER = ("planner=crafted_heuristic_rhp", "planner.num_rollouts=2", "planner.horizon=1")
 
 STAGES = (
@@ -87,8 +90,25 @@ STAGES = (
         ("evaluation={inputs}/evaluate", "training=[{inputs}/train_il]", "videos.planners=[crafted_heuristic_rhp]"),
         "report",
     ),
+    Stage("generate_frames", (*_FRAMES, "executor.num_workers=1"), "segmenter/frames"),
+    Stage(
+        "train_segmenter",
+        (*_NETWORK, "frames={inputs}/segmenter/frames", "learner.batch_size=4", "learner.epochs=4"),
+        "segmenter/network",
+    ),
+    Stage("evaluate_segmenter", ("num_cells=12", "cell.num_objects=3"), "segmenter/evaluation"),
+    Stage("execute", (*_ROBOT, "index=1", "tracking=mlflow"), "execute"),
+    Stage("evaluate_execution", (*_ROBOT, "num_episodes=8"), "evaluate_execution"),
+    Stage("report_execution", ("evaluations={inputs}/evaluate_execution",), "report_execution", is_tracked=False),
 )
-INPUTS = (STAGES[0], STAGES[1], STAGES[5])
+_READ_BY_OTHERS = (
+    "generate_demos/discrete",
+    "train_il/discrete/image",
+    "evaluate",
+    "segmenter/frames",
+    "evaluate_execution",
+)
+INPUTS = tuple(stage for stage in STAGES if stage.artefact in _READ_BY_OTHERS)
 
 
 @dataclass
@@ -146,7 +166,9 @@ def without_times(value: Any) -> Any:
     """A JSON document without measured times."""
     if isinstance(value, dict):
         return {
-            key: without_times(entry) for key, entry in value.items() if not _TIMES.search(key) and key != "num_workers"
+            key: without_times(entry)
+            for key, entry in value.items()
+            if not _TIMES.search(key) and key not in ("num_workers", "num_reused")
         }
     return [without_times(entry) for entry in value] if isinstance(value, list) else value
 
@@ -167,7 +189,7 @@ def contents(folder: Path) -> dict[str, Any]:
         elif path.suffix == ".csv":
             table = pd.read_csv(path)
             found[name] = table[[column for column in table if "time" not in str(column)]].to_csv()
-        elif folder.name in ("report", "play") and path.suffix in (".html", ".svg", ".png", ".webm"):
+        elif folder.name in ("report", "play", "execute") and path.suffix in (".html", ".svg", ".png", ".webm"):
             found[name] = None  # they show times
         else:
             found[name] = path.read_bytes()

@@ -15,6 +15,7 @@ from pydantic import AfterValidator
 from visualrhp.documents import FileKind, brief, shown_path
 from visualrhp.errors import DataError
 from visualrhp.evaluation.evaluation_card import EVALUATION_CARD, EvaluationCard
+from visualrhp.evaluation.failures import Failure, failure_of
 from visualrhp.evaluation.methods import ACTION_SPACES, NOISE_ORDER, SIZES, Method
 from visualrhp.execution.episode import EpisodeResult
 from visualrhp.files import atomic_path
@@ -73,6 +74,9 @@ RESULT_COLUMNS: Final[Mapping[str, EpisodeColumn]] = {
     "success": EpisodeColumn("boolean", "whether the task was completed"),
     "dropped": EpisodeColumn("boolean", "whether an object fell off the surface"),
     "outcome": EpisodeColumn("text", "value of Outcome", tuple(outcome.value for outcome in Outcome)),
+    "failure": EpisodeColumn(
+        "text", "why it failed (Failure); 'none' if it did not", tuple(kind.value for kind in Failure)
+    ),
     "num_actions": EpisodeColumn("integer", "actions executed; without a plan, the action limit"),
     "action_efficiency": EpisodeColumn("number", "objects over actions until completion; NaN if not completed"),
     "decision_time_s": EpisodeColumn("number", "wall-clock time of all decisions [s]"),
@@ -139,6 +143,7 @@ def episode_row(result: EpisodeResult) -> dict[str, Any]:
         "success": result.success,
         "dropped": result.dropped,
         "outcome": result.outcome.value,
+        "failure": failure_of(result.scene, result.episode).value,
         "num_actions": result.num_actions,
         "action_efficiency": result.action_efficiency,
         "decision_time_s": result.decision_time_s,

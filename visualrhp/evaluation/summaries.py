@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from visualrhp.evaluation.failures import Failure
 from visualrhp.evaluation.methods import ACTION_SPACES, order_methods, with_labels
 from visualrhp.evaluation.metrics import evaluation_metrics, summarize
 from visualrhp.evaluation.paired import paired_table
@@ -42,8 +43,9 @@ def main_rows(episodes: pd.DataFrame) -> pd.DataFrame:
 def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Tables of metrics by name; the column ``label`` ("VisualRHP 3x3, continuous") identifies a line of a plot.
 
-    They are ``summary`` (:func:`main_rows`), ``by_num_objects``, ``by_size``, ``by_noise``, and ``paired``, comparisons
-    with methods that search (:func:`visualrhp.evaluation.paired.paired_table`), if any was evaluated.
+    They are ``summary`` (:func:`main_rows`), ``by_num_objects``, ``by_size``, ``by_noise``, ``failures``
+    (:func:`failure_counts`), and ``paired``, comparisons with methods that search
+    (:func:`visualrhp.evaluation.paired.paired_table`), if any was evaluated.
     """
 
     def by(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
@@ -57,8 +59,24 @@ def summary_tables(episodes: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "by_num_objects": by(mixed_sizes(without_noise(episodes)), "num_objects"),
         "by_size": by(without_noise(episodes), "object_size", "layout", "scene_num_objects"),
         "by_noise": by(mixed_sizes(episodes), "noise_level", "num_objects"),
+        "failures": failure_counts(episodes),
         **({"paired": paired} if len(paired) else {}),
     }
+
+
+def failure_counts(episodes: pd.DataFrame) -> pd.DataFrame:
+    """How often each method failed, by action space, number of objects, noise and kind of failure.
+
+    Columns: ``action_space``, ``method``, ``num_objects``, ``noise_level``, ``episodes`` (all), and one per kind of
+    :class:`~visualrhp.evaluation.failures.Failure`.
+    """
+    keys = ["action_space", "method", "num_objects", "noise_level"]
+    rows = mixed_sizes(with_labels(episodes))
+    counts = {"episodes": rows.groupby(keys).size()}
+    for kind in Failure:
+        if kind is not Failure.NONE:
+            counts[kind.value] = rows["failure"].eq(kind.value).groupby([rows[key] for key in keys]).sum()
+    return pd.DataFrame(counts).reset_index()
 
 
 def metrics_by_method(episodes: pd.DataFrame) -> dict[str, dict[str, Metrics]]:
@@ -75,43 +93,40 @@ def metrics_by_method(episodes: pd.DataFrame) -> dict[str, dict[str, Metrics]]:
 
 
 @dataclass(frozen=True, slots=True)
-class MethodSummary:
-    """Results of a method in an action space.
+class CellSummary:
+    """Results of a method in a setting.
 
     Attributes:
-        method: its label.
-        action_space: name.
-        num_episodes: all of its episodes.
-        success_rate: over :func:`main_rows`; None if the method has none of them.
-        metrics: over its :func:`main_rows`, or over all of its episodes if there are none.
-        by_num_objects: the same by number of objects, over mixed sizes without noise.
+        name: of both: "VisualRHP+ 3x3, continuous, 7 objects, noise high".
+        setting: what tells it from others, by name.
+        metrics: with the bounds of their intervals; counts of failures are ``failures/<kind>``.
     """
 
-    method: str
-    action_space: str
-    num_episodes: int
-    success_rate: float | None
+    name: str
+    setting: dict[str, Any]
     metrics: Metrics
-    by_num_objects: dict[int, Metrics]
 
 
-def method_summaries(episodes: pd.DataFrame) -> Iterator[MethodSummary]:
-    """Summarize each method in each action space, in the order of legends."""
+def cell_summaries(episodes: pd.DataFrame) -> Iterator[CellSummary]:
+    """Summarize each method in each setting, in the order of legends."""
     labelled = with_labels(episodes)
-    main = with_labels(main_rows(episodes))
-    for space in ACTION_SPACES:
-        for method in order_methods(labelled.loc[labelled["action_space"] == space, "method"].tolist()):
-            own = labelled.loc[(labelled["method"] == method) & (labelled["action_space"] == space)]
-            headline = main.loc[(main["method"] == method) & (main["action_space"] == space)]
-            noiseless: Any = without_noise(mixed_sizes(own)).groupby("num_objects")
-            yield MethodSummary(
-                method=method,
-                action_space=space,
-                num_episodes=len(own),
-                success_rate=evaluation_metrics(headline)["success_rate"].value if len(headline) else None,
-                metrics=_numbers(headline if len(headline) else own),
-                by_num_objects={int(num_objects): _numbers(rows) for num_objects, rows in noiseless},
-            )
+    order = order_methods(labelled["method"].tolist())
+    keys = ["action_space", "method", "planner", "scene_num_objects", "object_size", "layout", "noise_level", "seed"]
+    cells: Any = labelled.groupby(keys, sort=False)
+    for key, rows in sorted(cells, key=lambda cell: (ACTION_SPACES.index(cell[0][0]), order.index(cell[0][1]))):
+        setting = dict(zip(keys, key, strict=True))
+        num_objects = setting["scene_num_objects"]
+        parts = [
+            setting["method"],
+            setting["action_space"],
+            f"{num_objects.replace('-', ' to ')} object{'' if num_objects == '1' else 's'}",
+            *([setting["object_size"]] if setting["object_size"] != "mixed" else []),
+            *([setting["layout"].replace("_", " ")] if setting["layout"] != "uniform" else []),
+            *([f"noise {setting['noise_level']}"] if setting["noise_level"] != "none" else []),
+        ]
+        failures = rows.loc[~rows["success"], "failure"].value_counts()
+        metrics = _numbers(rows) | {f"failures/{kind}": float(count) for kind, count in failures.items()}
+        yield CellSummary(", ".join(parts), setting | {"num_episodes": len(rows)}, metrics)
 
 
 def _numbers(episodes: pd.DataFrame) -> Metrics:
