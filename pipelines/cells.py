@@ -47,7 +47,8 @@ class Cells:
         except DataError as error:
             _log.warning("The episodes of a cell are run again: %s", error)
             return {}
-        rows = table[list(RESULT_COLUMNS)].to_dict("records")
+        columns: Any = table[list(RESULT_COLUMNS)]
+        rows = columns.to_dict("records")
         return {
             int(index): {str(name): value for name, value in row.items()}
             for index, row in zip(table["episode"], rows, strict=True)

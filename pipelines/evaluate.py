@@ -11,6 +11,7 @@ One setting or a suite of settings, on task instances that are not used in train
 
 from __future__ import annotations
 
+import datetime
 import logging
 import time
 from collections import Counter
@@ -86,6 +87,7 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, cells:
     from pipelines.workflow.artefacts import card
     from pipelines.workflow.executor import run_tasks, worker_count
     from pipelines.workflow.forecast import Forecast
+    from pipelines.workflow.surroundings import machine
     from pipelines.workflow.workspace import empty_folder
     from visualrhp.evaluation.episodes import EpisodeRow, episodes_table, write_episodes
     from visualrhp.evaluation.journal import Journal
@@ -146,6 +148,8 @@ def evaluate(config: EvaluateConfig, points: Sequence[Point], work: Path, cells:
         "num_reused": num_episodes - len(missing),
         "wall_time_s": round(wall_time, 1),
         "num_workers": worker_count(config.executor),
+        "machine": machine(),
+        "date": datetime.datetime.now(tz=datetime.UTC).date().isoformat(),
     }
     write_json(artefact / "evaluation.json", card(config, STAGE, **content))
     log_to_tracker(run, episodes)

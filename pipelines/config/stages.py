@@ -263,6 +263,17 @@ class ReportConfig(PipelineConfig):
 
 
 @parameters
+class ReportAblationConfig(PipelineConfig):
+    """``python -m pipelines.report_ablation``.
+
+    Attributes:
+        evaluation: folder made by ``evaluate``.
+    """
+
+    evaluation: str
+
+
+@parameters
 class PlayVideoConfig:
     """Appearance of the video of an episode.
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import platform
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -88,6 +89,15 @@ def check_device(device: str) -> None:
         raise ConfigError(f"device={device} needs CUDA, but {reason}; set device=cpu, or install PyTorch with CUDA.")
     if index and int(index) >= count:
         raise ConfigError(f"device={device} does not exist: PyTorch finds {count} cards, cuda:0 to cuda:{count - 1}.")
+
+
+def machine() -> str:
+    """The processor and its number of cores, for a table with times."""
+    model = platform.processor() or platform.machine()
+    with suppress(OSError):  # Linux names the architecture only
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
+    return f"{model}, {os.cpu_count()} cores"
 
 
 def _system_error(error: BaseException) -> tuple[int, str, str] | None:

@@ -151,4 +151,6 @@ def evaluation_card(episodes: pd.DataFrame) -> dict[str, Any]:
         "num_episodes": len(episodes),
         "wall_time_s": 61.0,
         "num_workers": 2,
+        "machine": "a processor, 2 cores",
+        "date": "2026-01-31",
     }

@@ -13,6 +13,8 @@ from tests.evaluation.samples import sample_result
 from visualrhp.errors import ConfigError, DataError
 from visualrhp.evaluation.episodes import episode_row
 from visualrhp.evaluation.metrics import (
+    Estimate,
+    bootstrap_interval,
     evaluation_metrics,
     mean_interval,
     metrics_of_results,
@@ -68,15 +70,34 @@ def test_t_interval_by_hand():
     assert (estimate.low, estimate.high) == (pytest.approx(0.980911, abs=1e-5), pytest.approx(4.019089, abs=1e-5))
 
 
+def test_bootstrap_intervals_are_close_to_t_intervals_where_those_are_right():
+    values = np.random.default_rng(3).normal(5.0, 2.0, 400)
+    bootstrap, t = bootstrap_interval([*values, math.nan]), mean_interval(values)
+    assert (bootstrap.value, bootstrap.count) == (pytest.approx(values.mean()), 400)
+    assert bootstrap.low == pytest.approx(t.low, abs=0.02) and bootstrap.high == pytest.approx(t.high, abs=0.02)
+    assert bootstrap_interval(values) == bootstrap_interval(values)
+
+
+def test_bootstrap_intervals_are_skewed_as_their_values_are():
+    values = np.random.default_rng(3).lognormal(0.0, 1.5, 60)
+    estimate = bootstrap_interval(values)
+    assert values.min() <= estimate.low < estimate.value < estimate.high <= values.max()
+    assert estimate.high - estimate.value > 1.1 * (estimate.value - estimate.low)
+    mirrored = bootstrap_interval(-values)
+    assert (mirrored.low, mirrored.high) == (pytest.approx(-estimate.high), pytest.approx(-estimate.low))
+
+
 def test_intervals_of_little_or_nothing():
+    for interval in (mean_interval, bootstrap_interval):
+        assert interval([]).count == 0 and math.isnan(interval([math.nan]).value)
+        single = interval([3.0])
+        assert single.value == 3.0 and math.isnan(single.low) and math.isnan(single.high)
+        with pytest.raises(ConfigError, match="confidence=1"):
+            interval([1.0], confidence=1.0)
+    assert bootstrap_interval([2.0, 2.0, 2.0]) == Estimate(2.0, 2.0, 2.0, 3)
     assert wilson_interval(0, 0).count == 0 and math.isnan(wilson_interval(0, 0).value)
-    assert mean_interval([]).count == 0 and math.isnan(mean_interval([math.nan]).value)
-    single = mean_interval([3.0])
-    assert single.value == 3.0 and math.isnan(single.low) and math.isnan(single.high)
     with pytest.raises(ConfigError, match="5 successes of 4"):
         wilson_interval(5, 4)
-    with pytest.raises(ConfigError, match="confidence=1"):
-        mean_interval([1.0], confidence=1.0)
 
 
 def test_the_three_metrics_by_hand():

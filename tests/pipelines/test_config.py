@@ -27,6 +27,7 @@ from pipelines.config import (
     PipelineConfig,
     PlayConfig,
     RecedingHorizonConfig,
+    ReportAblationConfig,
     ReportConfig,
     ReportExecutionConfig,
     TrainILConfig,
@@ -61,6 +62,7 @@ SCHEMAS: dict[str, type[PipelineConfig]] = {
     "execute": ExecuteConfig,
     "evaluate_execution": EvaluateExecutionConfig,
     "report_execution": ReportExecutionConfig,
+    "report_ablation": ReportAblationConfig,
 }
 NO_STAGE = {
     "calibrate_camera",
@@ -71,6 +73,7 @@ NO_STAGE = {
     "execute",
     "evaluate_execution",
     "report_execution",
+    "report_ablation",
 }  # nothing depends on what they make
 SCALES = ("smoke", "quick", "paper")
 REPOSITORY = CONFIG_FOLDER.parent

@@ -29,6 +29,7 @@ from tests.torture.killed import COUNT_FILE
 REPOSITORY = Path(__file__).resolve().parents[2]
 SETTINGS = ("scale=smoke", "executor.num_workers=2", "tracking.system_metrics=false", "seed=1")
 _TIMEOUT_S = 300.0
+_WITH_TIMES = ("report", "report_ablation", "report_execution", "play", "execute")
 _TIMES = re.compile(r"(^|_)time_s|_s$")
 """Found in the names of numbers that are measured times."""
 
@@ -90,6 +91,7 @@ STAGES = (
         ("evaluation={inputs}/evaluate", "training=[{inputs}/train_il]", "videos.planners=[crafted_heuristic_rhp]"),
         "report",
     ),
+    Stage("report_ablation", ("evaluation={inputs}/evaluate",), "report_ablation", is_tracked=False),
     Stage("generate_frames", (*_FRAMES, "executor.num_workers=1"), "segmenter/frames"),
     Stage(
         "train_segmenter",
@@ -168,7 +170,7 @@ def without_times(value: Any) -> Any:
         return {
             key: without_times(entry)
             for key, entry in value.items()
-            if not _TIMES.search(key) and key not in ("num_workers", "num_reused")
+            if not _TIMES.search(key) and key not in ("num_workers", "num_reused", "date")
         }
     return [without_times(entry) for entry in value] if isinstance(value, list) else value
 
@@ -189,7 +191,12 @@ def contents(folder: Path) -> dict[str, Any]:
         elif path.suffix == ".csv":
             table = pd.read_csv(path)
             found[name] = table[[column for column in table if "time" not in str(column)]].to_csv()
-        elif folder.name in ("report", "play", "execute") and path.suffix in (".html", ".svg", ".png", ".webm"):
+        elif folder.name in ("report", "report_ablation", "play", "execute") and path.suffix in (
+            ".html",
+            ".svg",
+            ".png",
+            ".webm",
+        ):
             found[name] = None  # they show times
         else:
             found[name] = path.read_bytes()

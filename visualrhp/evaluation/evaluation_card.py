@@ -46,6 +46,8 @@ class EvaluationCard:
     num_episodes: Index
     wall_time_s: NonNegative
     num_workers: Count | None
+    machine: str
+    date: str
 
     def __post_init__(self) -> None:
         if (total := sum(point.num_episodes for point in self.points)) != self.num_episodes:

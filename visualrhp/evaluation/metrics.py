@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import special
+from scipy import special, stats
 
 from visualrhp.errors import ConfigError, DataError
 from visualrhp.evaluation.episodes import RESULT_COLUMNS, episode_row
@@ -21,6 +21,12 @@ from visualrhp.execution.episode import EpisodeResult
 
 CONFIDENCE = 0.9
 """The paper reports 90% confidence intervals (Sec. 7.4)."""
+
+NUM_RESAMPLES = 999
+"""Of a bootstrap interval."""
+
+_MOST_DRAWN = 1 << 20
+"""Numbers of a bootstrap in memory at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,22 +67,64 @@ def wilson_interval(num_successes: int, num_trials: int, confidence: float = CON
 
 
 def mean_interval(values: npt.ArrayLike, confidence: float = CONFIDENCE) -> Estimate:
-    """A mean with Student's t interval; NaN values are ignored (an efficiency exists only for completed tasks).
+    """A mean of few values, such as trials of a training, with Student's t interval; NaN values are ignored.
 
     Raises:
         ConfigError: ``confidence`` is not in (0, 1).
     """
     _check_confidence(confidence)
-    samples = np.asarray(values, dtype=np.float64).ravel()
-    samples = samples[~np.isnan(samples)]
-    count = len(samples)
-    if count == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
-    mean = float(samples.mean())
-    if count == 1:
-        return Estimate(mean, math.nan, math.nan, 1)
+    samples = _without_nan(values)
+    count, mean = len(samples), _mean(samples)
+    if count < 2:
+        return Estimate(mean, math.nan, math.nan, count)
     half = float(special.stdtrit(count - 1, 0.5 + confidence / 2.0) * samples.std(ddof=1) / math.sqrt(count))
     return Estimate(mean, mean - half, mean + half, count)
+
+
+def bootstrap_interval(values: npt.ArrayLike, confidence: float = CONFIDENCE) -> Estimate:
+    """A mean of episodes with its bootstrap interval (percentiles of ``NUM_RESAMPLES`` means, always the same ones).
+
+    Efficiencies, times and numbers of actions have skewed distributions. NaN values are ignored: an efficiency exists
+    only for completed tasks.
+
+    Raises:
+        ConfigError: ``confidence`` is not in (0, 1).
+    """
+    _check_confidence(confidence)
+    samples = _without_nan(values)
+    count, mean = len(samples), _mean(samples)
+    if count < 2:
+        return Estimate(mean, math.nan, math.nan, count)
+    if np.ptp(samples) == 0.0:
+        return Estimate(mean, mean, mean, count)
+    # Of both signs, so that an exchange of two methods changes the sign of their difference, and nothing else.
+    (low, high), (low_of_negative, high_of_negative) = (
+        _percentiles(sign * samples, confidence) for sign in (1.0, -1.0)
+    )
+    return Estimate(mean, (low - high_of_negative) / 2.0, (high - low_of_negative) / 2.0, count)
+
+
+def _percentiles(samples: npt.NDArray[np.float64], confidence: float) -> tuple[float, float]:
+    """The bounds of the means of resamples."""
+    found = stats.bootstrap(
+        (np.sort(samples),),  # the order of rows does not matter
+        np.mean,
+        n_resamples=NUM_RESAMPLES,
+        batch=max(1, _MOST_DRAWN // len(samples)),
+        confidence_level=confidence,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(found.low), float(found.high)
+
+
+def _without_nan(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    samples = np.asarray(values, dtype=np.float64).ravel()
+    return samples[~np.isnan(samples)]
+
+
+def _mean(samples: npt.NDArray[np.float64]) -> float:
+    return float(samples.mean()) if len(samples) else math.nan
 
 
 def evaluation_metrics(episodes: pd.DataFrame, confidence: float = CONFIDENCE) -> dict[str, Estimate]:
@@ -91,10 +139,10 @@ def evaluation_metrics(episodes: pd.DataFrame, confidence: float = CONFIDENCE) -
     """
     return {
         "success_rate": wilson_interval(int(np.count_nonzero(episodes["success"])), len(episodes), confidence),
-        "action_efficiency": mean_interval(episodes["action_efficiency"], confidence),
-        "execution_time_s": mean_interval(episodes["decision_time_s"] + episodes["simulation_time_s"], confidence),
+        "action_efficiency": bootstrap_interval(episodes["action_efficiency"], confidence),
+        "execution_time_s": bootstrap_interval(episodes["decision_time_s"] + episodes["simulation_time_s"], confidence),
         "drop_rate": wilson_interval(int(np.count_nonzero(episodes["dropped"])), len(episodes), confidence),
-        "num_actions": mean_interval(episodes["num_actions"], confidence),
+        "num_actions": bootstrap_interval(episodes["num_actions"], confidence),
     }
 
 

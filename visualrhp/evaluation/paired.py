@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import stats
 
 from visualrhp.evaluation.methods import METHOD, order_methods, with_labels
-from visualrhp.evaluation.metrics import CONFIDENCE, mean_interval
+from visualrhp.evaluation.metrics import CONFIDENCE, bootstrap_interval
 
 SEARCHES: Final = ("K.RRT closed loop", "dhRRT", "K.RRT")
 """Methods that search for a plan: the references of :func:`paired_table`."""
@@ -33,7 +33,7 @@ def paired_table(episodes: pd.DataFrame, references: Sequence[str] = SEARCHES) -
         - ``success_difference``, ``_low``, ``_high``: difference of the success rates with its interval (Agresti and
           Min, 2005), and ``success_p``, the p value of McNemar's exact test;
         - ``actions_difference``, ``_low``, ``_high``: mean difference of the actions over the tasks that both
-          completed, with its t interval, and ``actions_p``, the p value of Wilcoxon's signed-rank test;
+          completed, with its bootstrap interval, and ``actions_p``, the p value of Wilcoxon's signed-rank test;
         - ``slowest_decision_s``, ``reference_slowest_decision_s``: 95th percentile over the tasks of the longest time
           that a decision of a task took.
     """
@@ -67,7 +67,7 @@ def paired_difference(pair: pd.DataFrame) -> dict[str, float]:
     low, high = _agresti_min(only_own, only_other, len(pair))
     both = pair.loc[own & other]
     differences = np.asarray(both["num_actions"], float) - np.asarray(both["num_actions_reference"], float)
-    actions = mean_interval(differences)
+    actions = bootstrap_interval(differences)
     signed_rank: Any = stats.wilcoxon(differences) if np.any(differences) else None
     return {
         "tasks": len(pair),

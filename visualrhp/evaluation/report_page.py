@@ -115,7 +115,7 @@ def render(content: Content) -> str:
         scenes=[_scene(scene) for scene in content.scenes],
         results_note=(
             f"{_description(main)} Every method is run on the same tasks. Ranges are {CONFIDENCE:.0%} confidence "
-            "intervals: Wilson's for rates, Student's for means. Action efficiency: objects in the scene over actions "
+            "intervals: Wilson's for rates, bootstrap for means. Action efficiency: objects in the scene over actions "
             "until completion, averaged over completed tasks (Sec. 7.3)."
         ),
         main_table=main_table(content.episodes),

@@ -72,7 +72,7 @@ def failure_counts(episodes: pd.DataFrame) -> pd.DataFrame:
     """
     keys = ["action_space", "method", "num_objects", "noise_level"]
     rows = mixed_sizes(with_labels(episodes))
-    counts = {"episodes": rows.groupby(keys).size()}
+    counts: dict[str, Any] = {"episodes": rows.groupby(keys).size()}
     for kind in Failure:
         if kind is not Failure.NONE:
             counts[kind.value] = rows["failure"].eq(kind.value).groupby([rows[key] for key in keys]).sum()
