@@ -1,31 +1,28 @@
 """How much work something is, counted: a time depends on what else the machine does."""
 
-import sys
+import cProfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import Any
+from dataclasses import dataclass
 
 FEW_CALLS = 2_000_000  # about one second
 
 
+@dataclass
 class Calls:
     """The number of calls of functions, of Python and of C."""
 
-    def __init__(self) -> None:
-        self.count = 0
-
-    def __call__(self, frame: FrameType, event: str, argument: Any) -> None:
-        """The hook of :func:`sys.setprofile`."""
-        self.count += event in ("call", "c_call")
+    count: int = 0
 
 
 @contextmanager
 def counted_calls() -> Iterator[Calls]:
-    """Count the calls of this thread inside of the context."""
-    calls, before = Calls(), sys.getprofile()
-    sys.setprofile(calls)
+    """Count the calls of this thread inside of the context; the count is there when it ends."""
+    calls, profile = Calls(), cProfile.Profile()
+    profile.enable()
     try:
         yield calls
     finally:
-        sys.setprofile(before)
+        profile.disable()
+        # Its statistics are of C, and ten times as fast as a hook of sys.setprofile.
+        calls.count = sum(entry.callcount for entry in profile.getstats())

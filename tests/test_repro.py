@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from pipelines.workflow import artefacts
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENTS = ["fig5", "fig6", "fig7", "fig8", "fig9", "fig10"]
@@ -32,7 +35,7 @@ def run(command: list[str], folder: Path) -> str:
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The repository's files, as git or an unpacked archive has them, with the pipeline run once at smoke scale.
 
-    One copy serves all tests of this module: pytest-xdist has to keep files together (--dist loadfile).
+    Stages use one worker here, and two when they make the same bytes again. One copy serves all tests of this module: pytest-xdist has to keep files together (--dist loadfile).
     """
     folder = tmp_path_factory.mktemp("repository")
     for name in ("conf", "pipelines", "visualrhp"):
@@ -40,11 +43,30 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     for name in ("dvc.yaml", "params.yaml", "pyproject.toml", ".dvcignore"):
         shutil.copy(ROOT / name, folder)
     parameters = (folder / "params.yaml").read_text(encoding="utf-8")
-    (folder / "params.yaml").write_text(parameters.replace("scale: quick", "scale: smoke"), encoding="utf-8")
+    for old, new in (("scale: quick", "scale: smoke"), ('every_stage: ""', "every_stage: executor.num_workers=1")):
+        assert old in parameters
+        parameters = parameters.replace(old, new)
+    (folder / "params.yaml").write_text(parameters, encoding="utf-8")
     run(["dvc", "init", "--no-scm", "--quiet"], folder)
     run(["dvc", "repro"], folder)
     yield folder
     shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def run_here(copy: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Runs a pipeline in the copy, in this process: importing everything would take longer than the work."""
+    # The copy has no commit to write into cards.
+    monkeypatch.setattr(artefacts, "git_commit", lambda: None)
+    monkeypatch.chdir(copy)
+
+    def run_pipeline(stage: str, *arguments: str) -> None:
+        monkeypatch.setattr(sys, "argv", [stage, *arguments])
+        with pytest.raises(SystemExit) as end:
+            importlib.import_module(f"pipelines.{stage}").main()
+        assert not end.value.code
+
+    return run_pipeline
 
 
 def test_everything_is_made_and_nothing_is_made_twice(copy: Path) -> None:
@@ -71,17 +93,16 @@ def test_everything_is_made_and_nothing_is_made_twice(copy: Path) -> None:
         ("expert_iteration", "image"),
     ],
 )
-def test_every_stage_makes_the_same_bytes_again(copy: Path, stage: str, observations: str | None) -> None:
-    """All but evaluation and report, which hold times; tests/pipelines/test_evaluate.py compares outcomes.
-
-    A sweep makes all artefacts of a stage in one process.
-    """
-    overrides = ["scale=smoke", "tracking=none", "action_space=continuous,discrete"]
+def test_every_stage_makes_the_same_bytes_again(
+    copy: Path, run_here: Callable[..., None], stage: str, observations: str | None
+) -> None:
+    """All but evaluation and report, which hold times; tests/pipelines/test_evaluate.py compares outcomes."""
+    overrides = ["scale=smoke", "tracking=none", "executor.num_workers=2", "action_space=continuous,discrete"]
     again = f"paths.sweep=again/{stage}/${{action_space.name}}"
     if observations is not None:
         overrides.append(f"observation={observations}")
         again += "/${observation.name}"
-    run([sys.executable, "-m", f"pipelines.{stage}", "--multirun", *overrides, again], copy)
+    run_here(stage, "--multirun", *overrides, again)
     assert files(copy / "again" / stage) == files(copy / "outputs" / stage)
 
 
@@ -91,10 +112,14 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_experiment_runs_by_its_own_first_line(copy: Path, experiment: str) -> None:
+def test_experiment_runs_by_its_own_first_line(run_here: Callable[..., None], experiment: str) -> None:
     lines = (ROOT / "conf" / "experiment" / f"{experiment}.yaml").read_text(encoding="utf-8").splitlines()
     command = next(line.removeprefix("# ") for line in lines if line.startswith("# python -m pipelines."))
     for part in command.split(" && "):
-        without_videos = ["videos.num_scenes=0"] if "pipelines.report" in part else []
-        overrides = ["scale=smoke", "tracking=none", "executor.num_workers=1", *without_videos]
-        run([sys.executable, *part.split()[1:], *overrides], copy)
+        python, option, module, *overrides = part.split()
+        assert (python, option) == ("python", "-m")
+        if module == "pipelines.report":
+            overrides.append("videos.num_scenes=0")
+        run_here(
+            module.removeprefix("pipelines."), *overrides, "scale=smoke", "tracking=none", "executor.num_workers=1"
+        )

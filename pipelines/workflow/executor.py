@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 import time
@@ -21,6 +22,10 @@ Result = TypeVar("Result")
 CONNECTION_TIMEOUT_S = 30.0
 """Time limit for the answer of a scheduler, and for its first worker."""
 
+_IDLE_TIME_S = 7 * 24 * 3600
+"""Idle time after which a worker process ends. A call at that moment would wait forever, so it is longer than any pause
+between two calls; processes end with the one that started them."""
+
 
 def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executor: ExecutorConfig) -> Iterator[Result]:
     """Yield ``function(item)`` of every item, in the order of completion.
@@ -29,6 +34,9 @@ def run_tasks(function: Callable[[Item], Result], items: Iterable[Item], executo
     items are sent to the workers, so they must be small and picklable. Each worker computes on one thread, so results
     do not depend on the number of workers. If a task raises an exception, it is raised here, and the other tasks are
     cancelled, as when the iterator is closed. If a Dask worker dies, its tasks are given to other workers.
+
+    Worker processes of this machine start in the first call, which takes seconds, and serve all later ones; a single
+    task runs in this process.
 
     Raises:
         ConfigError: the Dask cluster cannot be reached, or has no worker.
@@ -75,16 +83,21 @@ def _in_processes(function: Callable[[Item], Result], items: Iterable[Item], num
     from joblib import Parallel, delayed, parallel_config
     from joblib.externals.loky import get_reusable_executor
 
+    remaining = iter(items)
+    first = list(itertools.islice(remaining, 2))
+    if len(first) < 2:
+        yield from _in_this_process(function, first)
+        return
     # Tasks are sent one by one: they take milliseconds to minutes, and slow ones should not be in one batch.
-    with parallel_config(backend="loky", n_jobs=num_workers, inner_max_num_threads=1):
+    with parallel_config("loky", n_jobs=num_workers, inner_max_num_threads=1, idle_worker_timeout=_IDLE_TIME_S):
         parallel = Parallel(n_jobs=num_workers, return_as="generator_unordered")
-        results = parallel(delayed(_while_parent_lives)(os.getpid(), function, item) for item in items)
+        task = delayed(_while_parent_lives)
+        results = parallel(task(os.getpid(), function, item) for item in itertools.chain(first, remaining))
         try:
             yield from cast("Iterator[Result]", results)
-        finally:
-            # Otherwise joblib keeps the processes for the next call and ends them after five idle minutes; a call at
-            # that moment would wait forever.
+        except BaseException:  # of a task, or this iterator was closed: tasks that have begun are not waited for
             cast("Any", get_reusable_executor)(reuse=True).shutdown(wait=True, kill_workers=True)
+            raise
 
 
 def _while_parent_lives(parent: int, function: Callable[[Item], Result], item: Item) -> Result:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 import shapely
 
 from visualrhp.embodiment.kinds import Kind
-from visualrhp.embodiment.track import Track
 from visualrhp.errors import PerceptionError
 from visualrhp.parameters import Field, Index, parameters
+
+if TYPE_CHECKING:  # schemas of configurations import this module, which is to be fast
+    from visualrhp.embodiment.track import Track
 
 _Metres = Annotated[float, Field(ge=-1.0, le=1.0)]
 Place = tuple[_Metres, _Metres]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 
 import numpy as np
 import pytest
@@ -38,14 +39,29 @@ def test_results_do_not_depend_on_the_number_of_workers() -> None:
 
 
 @pytest.mark.parametrize("executor", [ONE, TWO], ids=["one", "two"])
-def test_an_error_of_a_task_is_raised(executor: ExecutorConfig) -> None:
+def test_an_error_of_a_task_is_raised_and_the_next_call_works(executor: ExecutorConfig) -> None:
     with pytest.raises(SimulationError, match="task 3 diverged"):
         list(run_tasks(fail, range(20), executor))
+    assert sorted(run_tasks(fail, range(3), executor)) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("executor", [ONE, TWO], ids=["one", "two"])
 def test_no_task_is_no_result(executor: ExecutorConfig) -> None:
     assert list(run_tasks(fail, [], executor)) == []
+
+
+def process_of(index: int) -> int:
+    return os.getpid()
+
+
+def test_workers_serve_later_calls() -> None:
+    processes = {process for _ in range(3) for process in run_tasks(process_of, range(8), TWO)}
+    assert len(processes) <= 2
+    assert os.getpid() not in processes
+
+
+def test_a_single_task_starts_no_worker() -> None:
+    assert list(run_tasks(process_of, iter(range(1)), TWO)) == [os.getpid()]
 
 
 def test_one_worker_works_as_results_are_asked_for() -> None:
