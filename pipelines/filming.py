@@ -14,7 +14,8 @@ from pipelines.workflow.app import compose
 if TYPE_CHECKING:
     from visualrhp.evaluation.report_videos import Attempt, SceneVideos
 
-_ACTIONS_PER_SECOND = 3
+_ACTION_S = 0.5
+_IMAGINED_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,7 @@ def film_task(task: VideoTask) -> Attempt:
     from visualrhp.evaluation.report_videos import Attempt
     from visualrhp.execution.episode import run_task
     from visualrhp.scene import sample_task_instance
-    from visualrhp.simulation import make_action_space
-    from visualrhp.simulation.rules import MAX_EPISODE_ACTIONS
+    from visualrhp.simulation import MAX_EPISODE_ACTIONS, TransitionModel, make_action_space
     from visualrhp.streams import Split
 
     config, index = task.config, task.scene_index
@@ -91,21 +91,18 @@ def film_task(task: VideoTask) -> Attempt:
     num_objects = config.scene.num_objects[0]
     if task.is_missing:
         return Attempt(index, space, method, f"{method}: no network for {num_objects} objects", None)
-    result = run_task(
-        build_planner(config.planner, space, num_objects, task.network),
-        sample_task_instance(config.scene, config.seed, Split.EVALUATION, index),
-        config.seed,
-        Split.EVALUATION,
-        index,
-        action_space=make_action_space(space),
-        physics=config.physics,
-    )
+    key, action_space = (config.seed, Split.EVALUATION, index), make_action_space(space)
+    instance = sample_task_instance(config.scene, *key)
+    planner = build_planner(config.planner, space, num_objects, task.network)
+    result = run_task(planner, instance, *key, action_space=action_space, physics=config.physics)
     frames = film_episode(
         result,
+        TransitionModel(instance.scene, action_space, config.physics),
         title=method,
         max_steps=MAX_EPISODE_ACTIONS,
         size_px=task.size_px,
-        frames_per_action=max(1, round(task.fps / _ACTIONS_PER_SECOND)),
+        frames_per_action=max(1, round(task.fps * _ACTION_S)),
+        imagined_frames=max(1, round(task.fps * _IMAGINED_S)),  # of every planner: all films have one size
         hold=task.fps // 2,
     )
     description = f"{method}, {space} actions: {result.outcome}, {result.num_actions} actions"

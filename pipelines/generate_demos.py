@@ -169,7 +169,14 @@ def write_pictures(
 
     write_picture(folder / "contact_sheet.png", pictures.contact_sheet(demonstrations))
     if config.video.num_scenes:
-        frames = pictures.demonstration_frames(demonstrations, config.video.num_scenes, config.video.size_px)
+        frames = pictures.demonstration_frames(
+            demonstrations,
+            config.physics,
+            config.video.num_scenes,
+            config.video.size_px,
+            frames_per_action=round(_VIDEO_FPS / 2),
+            hold=round(_VIDEO_FPS),
+        )
         write_video(folder / "demonstrations.webm", frames, _VIDEO_FPS)
     with atomic_path(folder / "lengths.png") as path:
         pictures.length_histogram(lengths.tolist(), demonstrations.action_space).savefig(path, dpi=120)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from visualrhp.execution import EpisodeResult
     from visualrhp.planning import Planner
     from visualrhp.rendering.window import Window
-    from visualrhp.scene import Scene, TaskInstance
+    from visualrhp.scene import TaskInstance
+    from visualrhp.simulation import TransitionModel
 
 STAGE = "play"
 
@@ -60,7 +61,7 @@ def main(config: PlayConfig) -> None:
     with open_work(config, STAGE, inputs, check) as work, open_run(config, STAGE, stem, work) as run:
         window = open_window(config)
         try:
-            result, world_scene = play(config, instance, planner, window)
+            result, world_model = play(config, instance, planner, window)
         finally:
             if window is not None:
                 window.close()
@@ -73,7 +74,7 @@ def main(config: PlayConfig) -> None:
         )
         started = time.perf_counter()
         hold = round(config.video.fps * config.video.hold_s)
-        film = film_episode(result, world_scene, hold=hold, **looks(config))
+        film = film_episode(result, world_model, hold=hold, **looks(config))
         num_frames = write_video(work / names[0], film, config.video.fps)
         write_json(work / names[1], card(config, STAGE, video=names[0], **episode_record(result)))
         for name in names:
@@ -85,13 +86,14 @@ def main(config: PlayConfig) -> None:
 
 def play(
     config: PlayConfig, instance: TaskInstance, planner: Planner, window: Window | None = None
-) -> tuple[EpisodeResult, Scene]:
-    """Run the episode, and show it in ``window`` if there is one; return the result and the true scene of the world."""
+) -> tuple[EpisodeResult, TransitionModel]:
+    """Run the episode, and show it in ``window`` if there is one; return the result and the model of the world."""
     from visualrhp.evaluation.live_view import LiveView
     from visualrhp.execution import run_episode, simulated_task
     from visualrhp.rendering.episode_renderer import EpisodeRenderer
     from visualrhp.scene import NOISE_LEVELS
     from visualrhp.simulation import make_action_space
+    from visualrhp.simulation.recording import MotionRecorder
     from visualrhp.streams import Split, Stream, generator_for
 
     key = (config.seed, Split.EVALUATION, config.index)
@@ -102,24 +104,24 @@ def play(
         physics=config.physics,
         noise=NOISE_LEVELS[config.noise_level],
     )
-    scene = world.model.scene
     view = None
     if window is not None:
         options = looks(config)
         imagined_frames = options.pop("imagined_frames")
+        recorder = MotionRecorder(world.model, options.pop("frames_per_action"))
         renderer = EpisodeRenderer(
-            scene,
+            world.model.scene,
             instance.state,
             show_imagined=imagined_frames > 0,
             imagined_frames=max(1, imagined_frames),
             believed_scene=instance.scene,
             **options,
         )
-        view = LiveView(window, renderer, config.video.fps, config.video.hold_s)
+        view = LiveView(window, renderer, recorder, config.video.fps, config.video.hold_s)
     result = run_episode(planner, world, model, generator_for(*key, Stream.PLANNER), view)
     if view is not None:
         view.end(result.outcome)
-    return result, scene
+    return result, world.model
 
 
 def task_instance(config: PlayConfig) -> TaskInstance:

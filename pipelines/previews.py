@@ -11,7 +11,7 @@ from visualrhp.heuristics.checkpoint import load_heuristic
 from visualrhp.planning import Greedy
 from visualrhp.rendering.video import Frame, write_video
 from visualrhp.scene import SceneDistribution, sample_task_instance
-from visualrhp.simulation import Physics, make_action_space
+from visualrhp.simulation import Physics, TransitionModel, make_action_space
 from visualrhp.streams import Split
 from visualrhp.types import ActionSpaceName
 
@@ -31,15 +31,16 @@ def write_greedy_video(
     size_px: int,
 ) -> None:
     """Write a video of the greedy policy of ``network`` on the first validation tasks."""
-    planner = Greedy(load_heuristic(network, action_space))
+    planner, space = Greedy(load_heuristic(network, action_space)), make_action_space(action_space)
 
     def frames() -> Iterator[Frame]:
         for index in range(num_scenes):
             key = (seed, Split.VALIDATION, index)
             task = sample_task_instance(distribution, *key)
-            result = run_task(planner, task, *key, action_space=make_action_space(action_space), physics=physics)
+            result = run_task(planner, task, *key, action_space=space, physics=physics)
             yield from film_episode(
                 result,
+                TransitionModel(task.scene, space, physics),
                 title=f"Greedy, {action_space}",
                 size_px=size_px,
                 frames_per_action=_FRAMES_PER_ACTION,

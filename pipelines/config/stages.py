@@ -280,7 +280,8 @@ class PlayVideoConfig:
     Attributes:
         size_px: height and width of the picture of the scene, at least 64.
         fps: frames per second.
-        action_s: duration of the motion of an action [s].
+        action_s: duration of the commanded motion of an action [s]; 0.5 is real time (see ``physics``). The time until
+            the world is at rest comes in addition.
         imagined_s: duration of the roll-outs before each action [s]; 0 for no roll-outs.
         hold_s: duration of the end [s].
         label_image: position of the abstract label image: ``none``, ``panel`` (next to the picture) or ``inset`` (in

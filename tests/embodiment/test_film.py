@@ -13,6 +13,7 @@ from visualrhp.embodiment.film import FilmedCell, FilmRecorder
 from visualrhp.embodiment.robot_world import RobotWorld
 from visualrhp.errors import ConfigError
 from visualrhp.execution import run_episode
+from visualrhp.rendering.legend import meaning_bar, scale_height
 from visualrhp.rendering.panels import bar_height
 from visualrhp.simulation import TransitionModel
 from visualrhp.types import Outcome
@@ -47,7 +48,9 @@ def test_a_film_has_a_picture_of_every_fifth_of_a_second_of_motion(side: bool) -
     film, recorder, result = filmed(side)
     assert result.outcome is Outcome.SUCCESS
     frames = list(recorder.frames)
-    assert {frame.shape for frame in frames} == {(SIZE + bar_height(SIZE), (3 if side else 2) * SIZE, 3)}
+    width = (3 if side else 2) * SIZE
+    bars = bar_height(SIZE) + scale_height(SIZE) + meaning_bar(SIZE, width, with_paths=True).shape[0]
+    assert {frame.shape for frame in frames} == {(SIZE + bars, width, 3)}
     decisions, ends = 2 * result.num_actions, 3
     assert len(frames) >= decisions + ends + 3 * result.num_actions  # every action takes most of a second
     times = [snapshot.time_s for snapshot in film.snapshots]

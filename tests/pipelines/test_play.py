@@ -24,8 +24,9 @@ from visualrhp.observation import make_observation
 from visualrhp.planning import Planner
 from visualrhp.rendering.video import read_video
 from visualrhp.rendering.window import Window, ppm
-from visualrhp.scene import NOISE_LEVELS, Scene, SceneDistribution, sample_task_instance, save_task_instance
-from visualrhp.simulation import make_action_space
+from visualrhp.scene import NOISE_LEVELS, SceneDistribution, sample_task_instance, save_task_instance
+from visualrhp.simulation import TransitionModel, make_action_space
+from visualrhp.simulation.recording import MotionRecorder
 from visualrhp.streams import Split
 
 SETTINGS = (
@@ -57,9 +58,14 @@ def planner_of(config: PlayConfig, num_objects: int) -> Planner:
     )
 
 
-def played(config: PlayConfig, window: Window | None = None) -> tuple[EpisodeResult, Scene]:
+def played(config: PlayConfig, window: Window | None = None) -> tuple[EpisodeResult, TransitionModel]:
     instance = pipeline.task_instance(config)
     return pipeline.play(config, instance, planner_of(config, instance.scene.num_objects), window)
+
+
+def num_moving(result: EpisodeResult, world: TransitionModel) -> int:
+    """Frames of the motions of an episode with ``SETTINGS``."""
+    return sum(len(motion) - 1 for motion in MotionRecorder(world, 2).record_episode(result.episode))
 
 
 def evaluated(config: PlayConfig) -> EpisodeResult:
@@ -104,8 +110,8 @@ def test_it_is_the_episode_of_an_evaluation(overrides: tuple[str, ...]) -> None:
 
 def test_the_executed_world_differs_from_the_planners_only_with_noise() -> None:
     (quiet, world), (noisy, perturbed) = played(configure()), played(configure("noise_level=low"))
-    assert world == quiet.scene == noisy.scene
-    assert perturbed != noisy.scene
+    assert world.scene == quiet.scene == noisy.scene
+    assert perturbed.scene != noisy.scene
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
@@ -119,8 +125,8 @@ def test_every_planner_plays(planner: str, heuristics: Path, monkeypatch: pytest
     assert min(counts) >= least if "_plus" in planner else counts == {least}
     frames = list(film_episode(result, world, hold=5, **pipeline.looks(config)))
     steps = len(result.episode)
-    assert len(frames) == 1 + steps * (2 + imagines) + 5
-    assert frames[0].shape == (64 + 24 + 24 * imagines, 64, 3), "the bars of the caption and of the legend"
+    assert len(frames) == 1 + num_moving(result, world) + steps * imagines + 5
+    assert frames[0].shape == (64 + 24 + 34 * imagines, 64, 3), "the bars of the caption and of the returns"
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
@@ -221,7 +227,7 @@ def test_video_and_card_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert decision["rollouts"][decision["chosen_rollout"]]["actions"][0] == decision["action"]
         assert decision["time_s"] > 0.0
     video = read_video(folder / f"{stem}.webm")
-    assert len(video) == 1 + 3 * steps + 5
+    assert len(video) == 1 + num_moving(*played(config)) + steps + 5
 
 
 def test_a_mistake_leaves_no_file(

@@ -1,11 +1,10 @@
 """Frames of an episode."""
 
 import numpy as np
-import pytest
 
 from tests.rendering.samples import SCENE, SQUARE, STATE
 from visualrhp.observation.label_image import PALETTE, label_image
-from visualrhp.rendering.episode_renderer import EpisodeRenderer, episode_frames, interpolate
+from visualrhp.rendering.episode_renderer import EpisodeRenderer, episode_frames
 from visualrhp.rendering.frames import render_frame
 from visualrhp.rendering.imagined import ImaginedPath
 from visualrhp.rendering.panels import OUTCOME_COLOURS
@@ -13,23 +12,10 @@ from visualrhp.scene import ObjectShape, Scene
 from visualrhp.types import State
 
 
-def test_interpolation_is_linear_and_turns_the_short_way():
-    start = State.create([0.0, 0.0, 3.0], 0.08, False, [[0.0, 0.0, -3.0]])
-    end = State.create([0.1, -0.2, -3.0], 0.0, True, [[0.2, 0.0, -2.0]])
-    middle = interpolate(start, end, 0.5)
-    np.testing.assert_allclose(middle.gripper_pose, [0.05, -0.1, np.pi], atol=1e-12)
-    np.testing.assert_allclose(middle.object_poses, [[0.1, 0.0, -2.5]])
-    assert middle.gripper_opening == pytest.approx(0.04)
-    assert not middle.gripper_closed
-    assert interpolate(start, end, 0.0) == start
-    assert interpolate(start, end, 1.0) == end
-
-
-def test_an_episode_becomes_a_picture_a_fraction_of_an_action_and_a_held_end():
-    states = [STATE, interpolate(STATE, STATE, 1.0), STATE]
+def test_an_episode_becomes_a_picture_of_each_state_and_a_held_end():
     frames = list(
         episode_frames(
-            SCENE, states, title="Greedy", outcome="dropped", max_steps=49, size_px=96, frames_per_action=3, hold=4
+            SCENE, STATE, [[STATE] * 4] * 2, title="Greedy", outcome="dropped", max_steps=49, size_px=96, hold=4
         )
     )
     assert len(frames) == 1 + 2 * 3 + 4
@@ -41,13 +27,11 @@ def test_an_episode_becomes_a_picture_a_fraction_of_an_action_and_a_held_end():
 def test_the_label_image_is_that_of_the_state_at_rest_and_of_the_planners_model():
     wide = Scene(SCENE.target, (ObjectShape(1.5 * SQUARE), ObjectShape(SQUARE)))
     moved = State.create([-0.05, -0.15, 0.0], 0.085, False, [[-0.1, 0.15, 0.3], [0.15, -0.1, 0.0]])
-    renderer = EpisodeRenderer(
-        SCENE, STATE, size_px=128, show_observation=True, frames_per_action=3, believed_scene=wide
-    )
+    between = State.create([-0.1, -0.15, 0.0], 0.085, False, [[-0.1, 0.15, 0.3], [0.15, -0.1, 0.0]])
+    renderer = EpisodeRenderer(SCENE, STATE, size_px=128, show_observation=True, believed_scene=wide)
 
     def observed(frame):
-        (top,) = {frame.shape[0] - 128}
-        panel = frame[top:, 128:]
+        panel = frame[:128, 128:]
         return [
             (panel[row : row + 64, column : column + 64] == expected).all()
             for expected in (PALETTE[label_image(wide, STATE)], PALETTE[label_image(wide, moved)])
@@ -55,7 +39,7 @@ def test_the_label_image_is_that_of_the_state_at_rest_and_of_the_planners_model(
         ]
 
     first = observed(renderer.still())
-    frames = [observed(frame) for frame in renderer.move(moved)]
+    frames = [observed(frame) for frame in renderer.move([STATE, between, between, moved])]
     assert first == [True, False]
     assert frames == [[True, False], [True, False], [False, True]]
 
@@ -64,11 +48,8 @@ def test_what_is_imagined_is_shown_before_each_action():
     """One picture of the start, then for each action 2 of the roll-outs and 3 of the motion, then 4 of the end."""
     moved = State.create([-0.05, -0.15, 0.0], 0.085, False, [[-0.1, 0.15, 0.3], [0.15, -0.1, 0.0]])
     imagined = [[ImaginedPath((STATE, moved), -3.0, True)], []]
-    frames = list(
-        episode_frames(
-            SCENE, [STATE, moved, moved], imagined=imagined, size_px=96, frames_per_action=3, imagined_frames=2, hold=4
-        )
-    )
+    motions = [[STATE, moved, STATE, moved], [moved] * 4]
+    frames = list(episode_frames(SCENE, STATE, motions, imagined=imagined, size_px=96, imagined_frames=2, hold=4))
     assert len(frames) == 1 + (2 + 3) + 3 + 4
     assert len({frame.shape for frame in frames}) == 1
     pictures = [frame[:96] for frame in frames]
@@ -76,4 +57,5 @@ def test_what_is_imagined_is_shown_before_each_action():
     np.testing.assert_array_equal(pictures[1], pictures[2])
     assert (pictures[0] == render_frame(SCENE, STATE, size_px=96)).all()
     assert (pictures[5] == render_frame(SCENE, moved, size_px=96, trail=[STATE])).all()
+    assert (pictures[3] == render_frame(SCENE, moved, size_px=96, trail=[STATE])).all(), "the motion as it is given"
     assert (frames[3][96:] == frames[1][96:]).all(), "the legend stays"

@@ -44,6 +44,7 @@ def test_everything_at_once_fits_at_any_size(size_px, outcome):
         trail=[STATE],
         imagined=imagined,
         caption=Caption("CraftedHeuristicRHP 8x4", 48, 49, outcome),
+        show_legend=True,
         show_observation=True,
         show_inset=True,
     )
@@ -53,5 +54,5 @@ def test_everything_at_once_fits_at_any_size(size_px, outcome):
 
 
 def test_a_number_of_frames_below_one_is_refused():
-    with pytest.raises(ConfigError, match="frames_per_action=0"):
-        next(episode_frames(SCENE, [STATE], frames_per_action=0))
+    with pytest.raises(ConfigError, match="imagined_frames=0"):
+        next(episode_frames(SCENE, STATE, [], imagined_frames=0))

@@ -12,6 +12,8 @@ from visualrhp.demonstrations.dataset import DemonstrationSet
 from visualrhp.rendering.episode_renderer import episode_frames
 from visualrhp.rendering.frames import render_frame
 from visualrhp.rendering.video import Frame
+from visualrhp.simulation import Physics, TransitionModel, make_action_space
+from visualrhp.simulation.recording import MotionRecorder
 
 _SHEET_ROWS, _SHEET_COLUMNS, _SHEET_SIZE_PX = 8, 8, 160
 
@@ -31,17 +33,34 @@ def contact_sheet(demonstrations: DemonstrationSet) -> Frame:
     return np.vstack(rows)
 
 
-def demonstration_frames(demonstrations: DemonstrationSet, count: int, size_px: int) -> Iterator[Frame]:
-    """Frames of a video of the first ``count`` demonstrations."""
+def demonstration_frames(
+    demonstrations: DemonstrationSet, physics: Physics, count: int, size_px: int, frames_per_action: int, hold: int
+) -> Iterator[Frame]:
+    """Frames of a video of the first ``count`` demonstrations.
+
+    Args:
+        demonstrations: of the set.
+        physics: with which they were generated; the actions are simulated again, to record the motions.
+        count: number of demonstrations.
+        size_px: height and width of the picture of the scene.
+        frames_per_action: see :class:`~visualrhp.simulation.recording.MotionRecorder`.
+        hold: number of repetitions of the last picture of each.
+
+    Raises:
+        ConfigError: a number of frames or the size is out of range.
+        DataError: the demonstrations were generated with other physics.
+    """
+    action_space = make_action_space(demonstrations.action_space)
     for task, episode in itertools.islice(demonstrations, count):
+        recorder = MotionRecorder(TransitionModel(task.scene, action_space, physics), frames_per_action)
         yield from episode_frames(
             task.scene,
-            episode.states,
+            episode.states[0],
+            recorder.record_episode(episode),
             title=f"K.RRT, {demonstrations.action_space}",
             outcome=episode.outcome,
             size_px=size_px,
-            frames_per_action=4,
-            hold=8,
+            hold=hold,
         )
 
 

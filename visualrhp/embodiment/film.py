@@ -18,6 +18,7 @@ from visualrhp.execution.episode import EpisodeListener, TimedDecision
 from visualrhp.rendering.drawing import BACKGROUND, DESIRED, GRIPPER, INK, OBSTACLE, text
 from visualrhp.rendering.frames import render_frame
 from visualrhp.rendering.imagined import ImaginedPath
+from visualrhp.rendering.legend import meaning_bar, rollout_bar, scale_height
 from visualrhp.rendering.panels import Caption, caption_bar
 from visualrhp.rendering.video import Frame
 from visualrhp.types import FloatArray, Outcome, State
@@ -112,7 +113,8 @@ class FilmRecorder(EpisodeListener):
     """Makes the frames of a film from an episode: three square pictures in a row, below a caption.
 
     Left, the camera's image, with what was detected while the planner decides; in the middle, the scene of the planner
-    with its roll-outs and the label image; right, the cell from the side.
+    with its roll-outs and the label image; right, the cell from the side. Below, the returns of the roll-outs and what
+    the colours mean.
 
     Args:
         cell: takes the pictures.
@@ -145,6 +147,8 @@ class FilmRecorder(EpisodeListener):
         self._title, self._max_steps = title, max_steps
         self._size, self._decision_frames, self._hold = size_px, decision_frames, hold
         self._states: list[State] = []
+        self._paths: Sequence[ImaginedPath] = ()
+        self._decision_s: float | None = None
         self._frames: list[Frame] = []
         self._num_shown = 0
         self._has_ended = False
@@ -157,8 +161,8 @@ class FilmRecorder(EpisodeListener):
             self._end(outcome)
 
     def decided(self, decision: TimedDecision) -> None:
-        paths = self._imagined(decision)
-        picture = self._compose(self._cell.take_picture(), self._planned(paths), marked=True)
+        self._paths, self._decision_s = self._imagined(decision), decision.time_s
+        picture = self._compose(self._cell.take_picture(), self._planned(self._paths), marked=True)
         self._num_shown = len(self._cell.snapshots)
         self._frames += [picture] * self._decision_frames
 
@@ -210,7 +214,14 @@ class FilmRecorder(EpisodeListener):
             parts.append(_square(snapshot.side, self._size))
         row = np.concatenate(parts, axis=1)
         caption = Caption(self._title, max(0, len(self._states) - 1), self._max_steps, outcome)
-        return np.concatenate([caption_bar(caption, self._size, row.shape[1]), row], axis=0)
+        width = row.shape[1]
+        bars = [
+            caption_bar(caption, self._size, width),
+            row,
+            rollout_bar(view.scene, self._paths, scale_height(self._size), width, self._decision_s),
+            meaning_bar(self._size, width, with_paths=True),
+        ]
+        return np.concatenate(bars, axis=0)
 
 
 def annotated(image: Frame, view: View, camera: Camera) -> Frame:

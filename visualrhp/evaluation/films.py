@@ -12,11 +12,13 @@ import numpy as np
 
 from visualrhp.execution.episode import EpisodeResult
 from visualrhp.planning.planner import Decision
+from visualrhp.rendering.drawing import DEFAULT_SIZE_PX
 from visualrhp.rendering.episode_renderer import episode_frames
 from visualrhp.rendering.imagined import ImaginedPath
 from visualrhp.rendering.pictures import encode_picture
 from visualrhp.rendering.video import Frame, read_video, side_by_side, write_video
-from visualrhp.scene.scene import Scene
+from visualrhp.simulation.recording import MotionRecorder
+from visualrhp.simulation.transition_model import TransitionModel
 
 
 @dataclass(frozen=True)
@@ -37,45 +39,50 @@ class Film:
 
 def film_episode(
     result: EpisodeResult,
-    world_scene: Scene | None = None,
+    model: TransitionModel,
     *,
     title: str = "",
     max_steps: int | None = None,
-    size_px: int = 480,
+    size_px: int = DEFAULT_SIZE_PX,
     frames_per_action: int = 6,
     imagined_frames: int = 0,
     hold: int = 18,
     show_observation: bool = False,
     show_inset: bool = False,
 ) -> Iterator[Frame]:
-    """Frames of a video of an episode.
+    """Frames of a video of an episode. Its actions are simulated again, to record the poses during the motions.
 
     Args:
         result: of the episode.
-        world_scene: the true scene, where it differs from the one that the planner observes (Sec. 8.2).
+        model: of the world. Its scene is the true one, which differs from the one that the planner observes if there is
+            noise (Sec. 8.2).
         title: of the caption; an empty one leaves the caption out.
         max_steps: the action limit, for the caption.
         size_px: height and width of the picture of the scene.
-        frames_per_action: frames of the motion of an action.
-        imagined_frames: frames of the roll-outs of the planner before each action; 0 leaves them and their legend out.
+        frames_per_action: frames of the commanded motion of an action; while the world comes to rest, further ones
+            follow at the same rate.
+        imagined_frames: frames of the roll-outs of the planner before each action; 0 leaves them and the bar of their
+            returns out.
         hold: how often the last frame is repeated.
         show_observation: whether a panel shows the label image.
         show_inset: whether an inset shows the label image.
 
     Raises:
         ConfigError: a number of frames or the size is out of range.
+        DataError: the episode did not happen in the world of ``model``.
     """
+    motions = MotionRecorder(model, frames_per_action).record_episode(result.episode)
     imagined = [imagined_paths(timed.decision) for timed in result.decisions] if imagined_frames else None
     return episode_frames(
-        world_scene or result.scene,
-        result.episode.states,
+        model.scene,
+        result.episode.states[0],
+        motions,
         title=title,
         outcome=result.outcome,
         max_steps=max_steps,
         imagined=imagined,
         decision_s=[timed.time_s for timed in result.decisions],
         size_px=size_px,
-        frames_per_action=frames_per_action,
         imagined_frames=max(1, imagined_frames),
         hold=hold,
         show_observation=show_observation,
@@ -116,7 +123,7 @@ def encode_film(frames: Iterable[Frame], fps: float) -> Film:
     return Film(data, encode_picture(last, ".webp"), width, height)
 
 
-def write_comparison(films: Sequence[Film], path: Path, fps: float, *, columns: int = 3, cell_px: int = 208) -> None:
+def write_comparison(films: Sequence[Film], path: Path, fps: float, *, columns: int = 3, cell_px: int = 360) -> None:
     """Write a video in which several films play at once, row by row.
 
     Args:

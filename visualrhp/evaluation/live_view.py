@@ -9,7 +9,8 @@ from visualrhp.execution.episode import EpisodeListener, TimedDecision
 from visualrhp.rendering.episode_renderer import EpisodeRenderer
 from visualrhp.rendering.video import Frame
 from visualrhp.rendering.window import Window
-from visualrhp.types import Outcome, State
+from visualrhp.simulation.recording import MotionRecorder
+from visualrhp.types import Action, Outcome, State
 
 
 class LiveView(EpisodeListener):
@@ -18,23 +19,27 @@ class LiveView(EpisodeListener):
     Args:
         window: shows the frames.
         renderer: of the episode's frames; it knows the initial state.
+        recorder: of the motions in the world.
         fps: frames a second.
         hold_s: how long the end is shown [s].
     """
 
-    def __init__(self, window: Window, renderer: EpisodeRenderer, fps: float, hold_s: float) -> None:
-        self._window, self._renderer = window, renderer
+    def __init__(
+        self, window: Window, renderer: EpisodeRenderer, recorder: MotionRecorder, fps: float, hold_s: float
+    ) -> None:
+        self._window, self._renderer, self._recorder = window, renderer, recorder
         self._frame_s, self._hold_s = 1.0 / fps, hold_s
-        self._is_initial = True
+        self._step: tuple[State, Action] | None = None
 
     def observed(self, state: State, outcome: Outcome | None) -> None:
-        if self._is_initial:
-            self._is_initial = False
+        if self._step is None:
             self._show([self._renderer.still()])
-        else:
-            self._show(self._renderer.move(state, outcome))
+        elif self._window.is_open:
+            self._show(self._renderer.move(self._recorder.record(*self._step), outcome))
 
     def decided(self, decision: TimedDecision) -> None:
+        if decision.decision.action is not None:
+            self._step = decision.state, decision.decision.action
         self._show(self._renderer.imagine(imagined_paths(decision.decision), decision.time_s))
 
     def end(self, outcome: Outcome) -> None:

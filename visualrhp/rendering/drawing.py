@@ -31,6 +31,9 @@ FINGER: Colour = (36, 78, 150)
 INK: Colour = (33, 37, 44)
 FAINT_INK: Colour = (108, 116, 128)
 
+DEFAULT_SIZE_PX = 720
+"""Height and width of the picture of a scene."""
+
 MARGIN = 0.1
 """Width of the border around the surface that a frame shows [m]: the gripper often reaches beyond the edges."""
 

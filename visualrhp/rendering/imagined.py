@@ -10,13 +10,11 @@ import cv2
 import numpy as np
 
 from visualrhp.rendering.drawing import (
-    FAINT_INK,
     INK,
     PAPER,
     TARGET,
     Canvas,
     Colour,
-    mix,
     text,
     text_width,
 )
@@ -28,11 +26,18 @@ from visualrhp.types import FloatArray, State
 DROPPED: Colour = (200, 30, 30)
 DIVERGED: Colour = (120, 122, 128)
 
-_DARKEST, _BRIGHTEST = 10, 222  # of the 256 colours of plasma: the brightest would not be visible on the surface
-_MAP = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[None], cv2.COLORMAP_PLASMA)[0, :, ::-1]
+# Cividis has no colour of the objects, and is the same for colour-blind readers.
+_DARKEST, _BRIGHTEST = 0, 246  # of its 256 colours
+_MAP = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[None], cv2.COLORMAP_CIVIDIS)[0, :, ::-1]
 _STILL = 0.002
 """Paths of objects with a smaller displacement are not drawn [m]."""
 _LEAST_SIZE_WITH_RETURNS = 200
+_BOLD, _MEDIUM, _THIN = 0.0056, 0.0032, 0.0022
+"""Widths of paths [m]."""
+_FEW = 9
+"""With more paths than this, only the chosen one is drawn in full."""
+_MOST_RETURNS = 9
+"""Labels in a picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +60,26 @@ class ImaginedPath:
         return not math.isfinite(self.value)
 
 
-def value_colours(paths: Sequence[ImaginedPath]) -> list[Colour]:
-    """A colour for each path: from dark violet (the lowest return of all) to yellow (the highest); grey if diverged.
+def share_of(value: float) -> float:
+    """The place of a return on the colour scale, in [0, 1]; 1 is the goal after one action, 0 a drop at once or worse.
 
-    The colours are perceptually uniform (plasma). A single return has the colour of the highest.
+    The scale is the same in all pictures. It is logarithmic, since the returns near the goal differ by single actions:
+    the goal after 1, 2, 5, 10, 20 actions is at 1, 0.82, 0.59, 0.41, 0.24.
     """
-    low, high = value_range(paths)
-    return [DIVERGED if path.is_diverged else _colour_of(path.value, low, high) for path in paths]
+    best, worst = -rules.ACTION_REWARD, -rules.DROP_REWARD
+    cost = min(max(-value, best), worst)
+    return 1.0 - math.log(cost / best) / math.log(worst / best)
 
 
-def value_range(paths: Sequence[ImaginedPath]) -> tuple[float, float]:
-    """Lowest and highest return of the paths that have one; (0, 0) if there are none."""
-    values = [path.value for path in paths if not path.is_diverged]
-    return (min(values), max(values)) if values else (0.0, 0.0)
-
-
-def _colour_of(value: float, low: float, high: float) -> Colour:
-    share = (value - low) / (high - low) if high > low else 1.0
+def colour_at(share: float) -> Colour:
+    """A colour of the scale, from dark blue (0) to yellow (1), perceptually uniform (cividis)."""
     red, green, blue = _MAP[round(_DARKEST + share * (_BRIGHTEST - _DARKEST))].tolist()
     return red, green, blue
+
+
+def colour_of(path: ImaginedPath) -> Colour:
+    """The colour of a path: that of its return; grey if it diverged."""
+    return DIVERGED if path.is_diverged else colour_at(share_of(path.value))
 
 
 # --------------------------------------------------------------------------------------------------- over the picture
@@ -82,23 +88,28 @@ def draw_paths(canvas: Canvas, paths: Sequence[ImaginedPath]) -> None:
 
     The gripper's path is a line with a dot at every state, the largest at its end; the path of the desired object, if
     it moves, is dotted. The chosen path is bold and on top. A cross marks the end of a path that diverges (grey) or
-    drops an object (red, at that object), a green ring the end of one that reaches the goal.
+    drops an object (red, at that object), a green ring the end of one that reaches the goal. Where there are many
+    paths, only the chosen one has outlines, and the others are thinner and translucent.
     """
-    colours = value_colours(paths)
+    colours = [colour_of(path) for path in paths]
+    is_crowd = len(paths) > _FEW
     order = sorted(range(len(paths)), key=lambda i: (paths[i].is_chosen, paths[i].value))
     before = canvas.picture.copy()
     for i in order:
-        if not paths[i].is_chosen:
+        if not paths[i].is_chosen and not is_crowd:
             _draw_ghost(canvas, paths[i], colours[i])
+        elif not paths[i].is_chosen:
+            _draw_path(canvas, paths[i], colours[i], _THIN)
     cv2.addWeighted(before, 0.45, canvas.picture, 0.55, 0.0, canvas.picture)
     for i in order:
         if paths[i].is_chosen:
             canvas.veil([(outline, colours[i]) for outline in _ghost(canvas.scene, paths[i])], 0.35)
             _draw_ghost(canvas, paths[i], colours[i])
     for i in order:
-        _draw_path(canvas, paths[i], colours[i])
+        if paths[i].is_chosen or not is_crowd:
+            _draw_path(canvas, paths[i], colours[i], _BOLD if paths[i].is_chosen else _MEDIUM)
     for i in order:
-        _draw_end(canvas, paths[i], colours[i])
+        _draw_end(canvas, paths[i], colours[i], small=is_crowd and not paths[i].is_chosen)
 
 
 def _draw_ghost(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
@@ -121,9 +132,8 @@ def _ghost(scene: Scene, path: ImaginedPath) -> list[FloatArray]:
     return outlines + [geometry.to_world(scene.objects[i].outline, end.object_poses[i]) for i in fallen]
 
 
-def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
+def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour, width: float) -> None:
     gripper = np.array([state.gripper_position for state in path.states])
-    width = 0.0056 if path.is_chosen else 0.0032
     casing = INK if path.is_chosen else PAPER
     if len(gripper) > 1:
         canvas.line(gripper, casing, width + 0.003)
@@ -139,23 +149,25 @@ def _draw_path(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
             canvas.dot(position, 0.5 * width, colour)
 
 
-def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour) -> None:
+def _draw_end(canvas: Canvas, path: ImaginedPath, colour: Colour, *, small: bool) -> None:
+    size = 0.5 if small else 1.0
     end = path.states[-1]
     if path.is_diverged:
-        _cross(canvas, end.gripper_position, DIVERGED)
+        _cross(canvas, end.gripper_position, DIVERGED, size)
         return
     for position in _fallen(canvas.scene, path):
-        _cross(canvas, position, DROPPED)
+        _cross(canvas, position, DROPPED, size)
     if rules.is_goal(canvas.scene, end) and not rules.is_dropped(canvas.scene, end):
         for radius, ring in ((0.0125, PAPER), (0.0115, TARGET), (0.008, PAPER), (0.007, colour)):
-            canvas.dot(end.desired_position, radius, ring)
+            canvas.dot(end.desired_position, size * radius, ring)
 
 
-def _cross(canvas: Canvas, centre: FloatArray, colour: Colour) -> None:
-    size = canvas.size_of(0.011)
+def _cross(canvas: Canvas, centre: FloatArray, colour: Colour, size: float) -> None:
+    reach = canvas.size_of(0.011 * size)
     for width, ink in ((0.0085, PAPER), (0.005, colour)):
         for arm in ((1.0, 1.0), (1.0, -1.0)):
-            canvas.line(np.array([centre - np.multiply(arm, size), centre + np.multiply(arm, size)]), ink, width)
+            ends = np.array([centre - np.multiply(arm, reach), centre + np.multiply(arm, reach)])
+            canvas.line(ends, ink, size * width)
 
 
 def _moves(path: ImaginedPath, index: int) -> bool:
@@ -190,7 +202,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
 
     The chosen path comes first, then the others in order of decreasing return. A label that would cover another label,
     the end of a path, a cross or a box of ``taken``, or leave the picture, is moved around its end; it is omitted if
-    there is no free place. Pictures below 200 pixels have no labels.
+    there is no free place, or if there are 9 others. Pictures below 200 pixels have no labels.
 
     Returns:
         The boxes of the labels drawn.
@@ -198,8 +210,9 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     side = canvas.size_px
     if side < _LEAST_SIZE_WITH_RETURNS:
         return []
-    colours = value_colours(paths)
-    low, high = value_range(paths)
+    values = [path.value for path in paths if not path.is_diverged]
+    is_crowd = len(paths) > _FEW
+    spread = max(values) - min(values) if values else 0.0
     text_px = max(9, round(side / 40))
     pad = max(2, round(text_px / 4))
     ends = [canvas.frame_pixels(path.states[-1].gripper_position[None])[0] for path in paths]
@@ -212,9 +225,11 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
     drawn: list[Box] = []
     written: list[tuple[str, FloatArray]] = []
     for i in order:
+        if len(drawn) == _MOST_RETURNS:
+            break
         path, end = paths[i], ends[i]
-        words = "diverged" if path.is_diverged else number(path.value, high - low)
-        if any(words == other and np.hypot(*(end - at)) < text_px for other, at in written):
+        words = "diverged" if path.is_diverged else number(path.value, spread)
+        if any(words == other and (is_crowd or np.hypot(*(end - at)) < text_px) for other, at in written):
             continue  # discrete roll-outs are often equal
         weight = 700 if path.is_chosen else 500
         width, height = text_width(words, text_px, weight) + 2 * pad, text_px + 2 * pad
@@ -226,7 +241,7 @@ def draw_returns(picture: Frame, canvas: Canvas, paths: Sequence[ImaginedPath], 
                 break
         else:
             continue
-        _label(picture, box, end, words, text_px, pad, weight, colours[i], path.is_chosen)
+        _label(picture, box, end, words, text_px, pad, weight, colour_of(path), path.is_chosen)
         drawn.append(box)
         written.append((words, end))
     return drawn
@@ -282,98 +297,3 @@ def _inside(point: FloatArray, box: Box, gap: int) -> bool:
 
 def _overlap(box: Box, other: Box, gap: int) -> bool:
     return box[0] < other[2] + gap and other[0] < box[2] + gap and box[1] < other[3] + gap and other[1] < box[3] + gap
-
-
-# -------------------------------------------------------------------------------------------------------------- legend
-def legend_bar(
-    scene: Scene, paths: Sequence[ImaginedPath], height: int, width: int, decision_s: float | None = None
-) -> Frame:
-    """The bar below a frame: number of roll-outs, duration of the decision, and colour scale of the returns.
-
-    Every return has a tick below the scale, the chosen one a triangle above it. For a single roll-out or a plan, only
-    the number of actions and the return are shown: there is no comparison, and a plan was made earlier.
-
-    Returns:
-        [height, width, 3] uint8 RGB.
-    """
-    bar = np.full((height, width, 3), PAPER, dtype=np.uint8)
-    bar[: max(1, height // 28)] = mix(PAPER, INK, 0.15)
-    if not paths:
-        return bar
-    text_px = max(9, round(0.4 * height))
-    margin = round(0.35 * height)
-    baseline = round(0.5 * height + 0.36 * text_px)
-    right = _draw_scale(bar, paths, width - margin, baseline, text_px)
-    room = right - 2 * margin
-    for words in _summaries(scene, paths, decision_s):
-        if text_width(words, text_px, 400) <= room:
-            text(bar, words, margin, baseline, FAINT_INK, text_px, 400)
-            break
-    return bar
-
-
-def _draw_scale(bar: Frame, paths: Sequence[ImaginedPath], right: int, baseline: int, text_px: int) -> int:
-    """Draw "low [colours] high", or the only return, ending at column ``right``; return the column where it begins."""
-    height, width = bar.shape[:2]
-    if all(path.is_diverged for path in paths):
-        return right
-    low, high = value_range(paths)
-    lowest, highest = number(low, high - low), number(high, high - low)
-    if len(paths) == 1:
-        left = right - text_width(highest, text_px, 600)
-        text(bar, highest, left, baseline, INK, text_px, 600)
-        return left
-    length = max(16, min(round(0.26 * width), 8 * height))
-
-    def too_wide() -> bool:
-        return text_width(lowest, text_px, 600) + text_width(highest, text_px, 600) + length > 0.85 * right
-
-    while text_px > 7 and too_wide():
-        text_px -= 1
-    if too_wide():
-        lowest = highest = ""
-    gap = round(0.4 * text_px)
-    right -= text_width(highest, text_px, 600)
-    text(bar, highest, right, baseline, INK, text_px, 600)
-    end = right - gap
-    start = end - length
-    top, bottom = round(0.42 * height), round(0.72 * height)
-    shares = np.linspace(0.0, 1.0, length)
-    bar[top:bottom, start:end] = [_colour_of(share, 0.0, 1.0) for share in shares.tolist()]
-    for path in paths:
-        if path.is_diverged:
-            continue
-        share = (path.value - low) / (high - low) if high > low else 1.0
-        column = start + round(share * (length - 1))
-        bar[bottom - height // 10 : bottom + max(2, height // 12), column : column + max(1, height // 36)] = INK
-        if path.is_chosen:
-            half = max(3, round(0.11 * height))
-            corners = [(column - half, top - 2 * half), (column + half, top - 2 * half), (column, top - 1)]
-            cv2.fillPoly(bar, [np.array(corners, dtype=np.int32)], INK, cv2.LINE_AA)
-    left = start - gap - text_width(lowest, text_px, 600)
-    text(bar, lowest, left, baseline, INK, text_px, 600)
-    return left
-
-
-def _summaries(scene: Scene, paths: Sequence[ImaginedPath], decision_s: float | None) -> list[str]:
-    """Summaries of the roll-outs in words, the longest first."""
-    diverged = sum(path.is_diverged for path in paths)
-    dropping = sum(rules.is_dropped(scene, path.states[-1]) for path in paths if not path.is_diverged)
-    remarks = [f"{diverged} diverged"] * bool(diverged) + [f"{dropping} dropping"] * bool(dropping)
-    if len(paths) == 1:
-        ahead = len(paths[0].states) - 1
-        actions = f"{ahead} action{'s' if ahead != 1 else ''}"
-        return [*(", ".join([count, *remarks]) for count in (f"{actions} ahead", actions)), f"{ahead}"]
-    count = f"{len(paths)} imagined roll-outs"
-    short = count.replace("imagined ", "")
-    timed = (
-        [] if decision_s is None else [f"{count} in {1e3 * decision_s:.3g} ms", f"{short} in {1e3 * decision_s:.3g} ms"]
-    )
-    return [
-        *(", ".join([words, *remarks]) for words in timed),
-        *[f"{', '.join([count, *remarks])}: returns"] * (diverged < len(paths)),
-        ", ".join([count, *remarks]),
-        ", ".join([short, *remarks]),
-        ", ".join(remarks) or short,
-        f"{len(paths)}",
-    ]

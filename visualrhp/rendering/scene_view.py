@@ -20,8 +20,9 @@ from visualrhp.rendering.drawing import (
     Colour,
     mix,
 )
-from visualrhp.rendering.imagined import Box, ImaginedPath, draw_paths, draw_returns, legend_bar
-from visualrhp.rendering.panels import Caption, bar_height, caption_bar, observation_panel
+from visualrhp.rendering.imagined import Box, ImaginedPath, draw_paths, draw_returns
+from visualrhp.rendering.legend import meaning_bar, rollout_bar, scale_height
+from visualrhp.rendering.panels import Caption, caption_bar, observation_panel
 from visualrhp.rendering.video import Frame
 from visualrhp.scene import Scene, geometry
 from visualrhp.types import FloatArray, State
@@ -31,9 +32,17 @@ class SceneView:
     """Draws frames of one scene with the same layout; caches what they have in common."""
 
     def __init__(
-        self, scene: Scene, size_px: int, show_observation: bool, show_inset: bool, believed_scene: Scene | None = None
+        self,
+        scene: Scene,
+        size_px: int,
+        *,
+        show_legend: bool,
+        show_observation: bool,
+        show_inset: bool,
+        believed_scene: Scene | None = None,
     ) -> None:
         self.canvas = Canvas(scene, size_px)
+        self.show_legend = show_legend
         self.show_observation = show_observation
         self.believed_scene = believed_scene or scene
         self._corner: tuple[int, int] | None = (1, 0) if show_inset else None  # column and row, in halves
@@ -45,12 +54,12 @@ class SceneView:
         trail: Sequence[State],
         caption: Caption | None,
         paths: Sequence[ImaginedPath],
-        legend: Sequence[ImaginedPath] | None,
+        listed: Sequence[ImaginedPath] | None,
         decision_s: float | None,
     ) -> Frame:
         """See :func:`visualrhp.rendering.frames.render_frame`.
 
-        ``observed`` is the state of the label image, ``legend`` the paths of the bar below.
+        ``observed`` is the state of the label image, ``listed`` the paths of the bar below.
         """
         canvas, size_px = self.canvas, self.canvas.size_px
         canvas.clear()
@@ -66,8 +75,11 @@ class SceneView:
         bars = [picture]
         if caption is not None:
             bars.insert(0, caption_bar(caption, size_px, picture.shape[1]))
-        if legend is not None:
-            bars.append(legend_bar(canvas.scene, legend, bar_height(size_px), picture.shape[1], decision_s))
+        width = picture.shape[1]
+        if listed is not None:
+            bars.append(rollout_bar(canvas.scene, listed, scale_height(size_px), width, decision_s))
+        if self.show_legend:
+            bars.append(meaning_bar(size_px, width, with_paths=listed is not None))
         return np.concatenate(bars, axis=0) if len(bars) > 1 else picture
 
     def _draw_inset(self, picture: Frame, state: State, observed: State) -> Box:
