@@ -252,6 +252,7 @@ class Training:
         import pandas as pd
 
         from pipelines.workflow.workspace import empty_folder
+        from visualrhp.evaluation.styles import save
         from visualrhp.evaluation.training_figures import SHOWN_CURVES, training_curves
         from visualrhp.files import atomic_path, write_json
         from visualrhp.learning.history import read_summary
@@ -269,8 +270,8 @@ class Training:
         write_json(folder / "metrics.json", metrics)
         with atomic_path(folder / "curves.csv") as path:
             pd.concat(tables, names=["network", "row"]).droplevel("row").to_csv(path)
-        with atomic_path(folder / "curves.png") as path:
-            training_curves(tables, self.unit, SHOWN_CURVES[self.stage].columns, self.unit).savefig(path, dpi=120)
+        curves = training_curves(tables, self.unit, SHOWN_CURVES[self.stage].columns, self.unit.capitalize())
+        save(curves, folder / "curves.png")
         if config.video.num_scenes:
             self._write_preview(config, parts[-1], folder)
         for path in sorted(folder.iterdir()):

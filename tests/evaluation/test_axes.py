@@ -6,12 +6,19 @@ import pytest
 from matplotlib.figure import Figure
 
 from visualrhp.errors import DataError
-from visualrhp.evaluation.axes import error_line, finish_axes, not_empty, offsets
+from visualrhp.evaluation.axes import error_line, finish_axes, not_empty, offsets, spacing
 
 
 def test_offsets_are_centred():
     assert offsets(1, 0.3) == [0.0]
     assert offsets(3, 0.3) == pytest.approx([-0.15, 0.0, 0.15])
+
+
+def test_spacing_is_the_smallest_distance():
+    assert (spacing([7, 1, 4, 2]), spacing([3]), spacing(["small", "large"]), spacing([])) == (1, 1.0, 1.0, 1.0)
+    axes = Figure().add_subplot()
+    finish_axes(axes, "success_rate", [1, 5])
+    assert axes.get_xlim() == (-1.0, 7.0)
 
 
 def test_lines_skip_gaps_and_bars_without_bounds_have_no_length():

@@ -3,7 +3,14 @@
 import numpy as np
 import pandas as pd
 
-from visualrhp.evaluation.methods import Method, method_label, order_methods, with_labels
+from visualrhp.evaluation.methods import (
+    KNOWN_METHODS,
+    Method,
+    method_description,
+    method_label,
+    order_methods,
+    with_labels,
+)
 from visualrhp.planning.decision_task import RecedingHorizonParameters
 
 
@@ -31,6 +38,13 @@ def test_a_deadline_names_the_method_instead_of_the_number_of_roll_outs():
     assert Method.of(limited) == Method("VisualRHP in 50 ms", None, 4)
     assert Method.of(limited).label == "VisualRHP in 50 ms"
     assert Method.of(RecedingHorizonParameters(deadline_s=0.05)).label == "RHP 3x3 in 50 ms"
+
+
+def test_known_planners_are_described():
+    assert all(method_description(label) for label in KNOWN_METHODS)
+    assert method_description("VisualRHP 6x6") == method_description("VisualRHP in 50 ms") != ""
+    assert "searches again" in method_description("K.RRT closed loop")
+    assert method_description("mine") == method_description("VisualRHPs") == ""
 
 
 def test_tables_are_labelled_by_their_columns():

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from visualrhp.evaluation.paired import paired_difference, paired_table
+from visualrhp.evaluation.paired import compare_methods, paired_difference, paired_table
 
 
 def table(planner: str, successes: list[bool], actions: list[int], **changes: Any) -> pd.DataFrame:
@@ -42,6 +42,14 @@ def test_discordant_pairs_are_counted() -> None:
     assert row["success_p"] == pytest.approx(1.0), "2 of 3 discordant pairs"
     assert row["actions_difference"] == pytest.approx(-3.0) and math.isnan(row["actions_difference_low"])
     assert row["slowest_decision_s"] == pytest.approx(0.95) and row["reference_slowest_decision_s"] == 2.0
+
+
+def test_two_methods_are_compared_over_all_conditions() -> None:
+    own = [table("mine", [True, False], [4, 49]), table("mine", [True, True], [5, 5], scene_num_objects="7")]
+    other = [table("K.RRT", [True, True], [6, 7]), table("K.RRT", [False, True], [49, 8], scene_num_objects="7")]
+    row = compare_methods(pd.concat([*own, *other]), "mine", "K.RRT")
+    assert row is not None and (row["tasks"], row["success_difference"], row["actions_difference"]) == (4, 0.0, -2.5)
+    assert compare_methods(pd.concat(own), "mine", "K.RRT") is None
 
 
 def test_the_interval_is_agresti_and_mins_and_the_test_mcnemars() -> None:

@@ -51,8 +51,16 @@ def test_the_page_begins_with_what_was_learned_about_methods() -> None:
     plus = own.assign(planner="VisualRHP+", success=True, num_actions=5)
     search = own.assign(planner="K.RRT closed loop", num_rollouts=None, horizon=None, success=True, num_actions=8)
     text = words_of(page_of(pd.concat([table, plus, search], ignore_index=True)))
-    assert "(VisualRHP+ 3x3) completes as many tasks as searching for a plan again (K.RRT closed loop), with" in text
-    assert "shorter plans (3.0 actions of difference)" in text
+    assert "(VisualRHP+ 3x3) completes about as many tasks as searching for a plan again in every unforeseen" in text
+    assert "with shorter plans (−3.0 actions, p = 0.002)" in text
+
+
+def test_methods_and_symbols_are_explained() -> None:
+    table = report_table()
+    page = page_of(table.assign(planner=table["planner"].replace("Greedy", "mine")))
+    text = words_of(page)
+    assert "K.RRT Kinodynamic RRT: searches for a plan once" in text and "n×h After the name of a method" in text
+    assert page.count('<span class="key"') > 3 * len(set(table["planner"]))  # in legends, tables and cards
 
 
 def test_small_tables_make_a_page_too() -> None:

@@ -34,9 +34,11 @@ def test_training_curves_have_a_panel_per_column_that_exists():
         "one": pd.DataFrame({"step": [0, 1], "loss": [2.0, 1.0], "success": [np.nan, 0.5]}),
         "two": pd.DataFrame({"step": [0, 1], "loss": [3.0, 2.0]}),
     }
-    figure = figures.training_curves(histories, "step", ["loss", "success", "absent"], "iteration")
+    figure = figures.training_curves(
+        histories, "step", {"loss": "Loss", "success": "Success rate", "absent": "Absent"}, "iteration"
+    )
     visible = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_title("left") for axes in visible] == ["loss", "success"]
+    assert [axes.get_title("left") for axes in visible] == ["Loss", "Success rate"]
     assert [len(axes.lines) for axes in visible] == [2, 1]
 
 
@@ -46,4 +48,4 @@ def test_tables_without_anything_to_draw_are_refused():
     with pytest.raises(DataError, match="no rows for this figure"):
         figures.learning_stability(pd.DataFrame({"algorithm": []}))
     with pytest.raises(DataError, match="none of the training histories"):
-        figures.training_curves({"one": pd.DataFrame({"step": [0]})}, "step", ["loss"], "iteration")
+        figures.training_curves({"one": pd.DataFrame({"step": [0]})}, "step", {"loss": "Loss"}, "iteration")

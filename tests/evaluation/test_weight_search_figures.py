@@ -25,6 +25,6 @@ def test_the_objective_is_drawn_in_order_and_against_each_weight() -> None:
 
 def test_shares_of_pushes_from_behind_are_in_the_legend() -> None:
     figure = pushes_figure({"first": RECORDS[0], "best": RECORDS[2]})
-    assert [panel.get_title() for panel in figure.axes] == ["continuous", "discrete"]
+    assert [panel.get_title("left") for panel in figure.axes] == ["continuous", "discrete"]
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert words == ["first: 50% below 60°", "best: 100% below 60°"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
@@ -50,8 +51,9 @@ def finish_axes(axes: Axes, metric: MetricName, positions: Sequence[Any]) -> Non
         axes.set_xticks(ticks, list(positions))
         axes.set_xlim(min(ticks) - 0.5, max(ticks) + 0.5)
     elif positions:
+        margin = 0.5 * spacing(positions)
         axes.set_xticks(positions)
-        axes.set_xlim(min(positions) - 0.5, max(positions) + 0.5)
+        axes.set_xlim(min(positions) - margin, max(positions) + margin)
     axes.grid(axis="x", visible=False)
     if metric == "success_rate":
         percent_axis(axes)
@@ -64,6 +66,14 @@ def percent_axis(axes: Axes) -> None:
     axes.set_ylim(-0.02, 1.03)
     axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0])
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:.0f}%"))
+
+
+def spacing(positions: Sequence[Any]) -> float:
+    """The smallest distance between ``positions`` on an axis; 1 for a single one, and for sizes."""
+    if any(isinstance(position, str) for position in positions):
+        return 1.0
+    ordered = sorted(positions)
+    return min((after - before for before, after in itertools.pairwise(ordered)), default=1.0)
 
 
 def offsets(count: int, width: float) -> list[float]:

@@ -1,12 +1,13 @@
 """The paper's figures of results, Fig. 7 to 10, from a table of episodes.
 
-Continuous actions are on the left, discrete ones on the right; bars are 90% confidence intervals.
+Continuous actions are above, discrete ones below; bars are 90% confidence intervals. Give the functions the whole table
+of an evaluation: the styles of methods depend on it (:func:`visualrhp.evaluation.styles.method_styles`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -15,17 +16,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from visualrhp.evaluation.axes import AXIS_LABELS, MetricName, error_line, finish_axes, not_empty, offsets
+from visualrhp.evaluation.axes import AXIS_LABELS, MetricName, error_line, finish_axes, not_empty, offsets, spacing
 from visualrhp.evaluation.methods import ACTION_SPACES, NOISE_ORDER, SIZES, order_methods, with_labels
 from visualrhp.evaluation.metrics import summarize
 from visualrhp.evaluation.styles import (
     FAINT,
-    NOISE_COLOURS,
-    NOISE_LINES,
-    PAPER,
-    MethodStyle,
+    NOISE_STYLES,
+    SURFACE,
+    WIDTH,
+    LineStyle,
     figure_style,
-    method_style,
+    method_styles,
 )
 from visualrhp.evaluation.summaries import mixed_sizes, random_num_objects, without_noise
 
@@ -40,12 +41,13 @@ def by_num_objects(episodes: pd.DataFrame, metric: MetricName = "success_rate") 
         DataError: there are no such episodes.
     """
     rows = not_empty(without_noise(mixed_sizes(episodes)), "objects of mixed size without noise")
+    styles = method_styles(episodes)
 
     def draw(axes: Axes, panel: pd.DataFrame) -> None:
-        _draw_methods(axes, panel, "num_objects", _requested_num_objects(rows), metric)
+        _draw_methods(axes, panel, "num_objects", _requested_num_objects(rows), metric, styles)
         axes.set_xlabel("Objects in the scene")
 
-    return _panels_by_action_space(rows, metric, draw)
+    return _panels_by_action_space(rows, metric, draw, styles)
 
 
 def by_size(episodes: pd.DataFrame, metric: MetricName = "success_rate") -> Figure:
@@ -55,12 +57,14 @@ def by_size(episodes: pd.DataFrame, metric: MetricName = "success_rate") -> Figu
         DataError: there are no such episodes.
     """
     rows = not_empty(random_num_objects(without_noise(episodes)), "no noise")
+    sizes = [size for size in SIZES if size in set(rows["object_size"])]
+    styles = method_styles(episodes)
 
     def draw(axes: Axes, panel: pd.DataFrame) -> None:
-        _draw_methods(axes, panel, "object_size", [size for size in SIZES if size in set(rows["object_size"])], metric)
+        _draw_methods(axes, panel, "object_size", sizes, metric, styles)
         axes.set_xlabel("Object size relative to the gripper")
 
-    return _panels_by_action_space(rows, metric, draw)
+    return _panels_by_action_space(rows, metric, draw, styles)
 
 
 def execution_time(episodes: pd.DataFrame) -> Figure:
@@ -72,31 +76,32 @@ def execution_time(episodes: pd.DataFrame) -> Figure:
     rows = random_num_objects(without_noise(mixed_sizes(episodes)))
     rows = with_labels(not_empty(rows, "objects of mixed size without noise"))
     methods = order_methods(rows["method"].tolist())
+    styles = method_styles(episodes)
     spaces = [space for space in ACTION_SPACES if space in set(rows["action_space"])]
     summaries = {
         (summary["method"], summary["action_space"]): summary
         for summary in summarize(rows, ["method", "action_space"]).to_dict("records")
     }
     with figure_style():
-        figure = Figure(figsize=(7.6, 0.9 + 0.52 * len(methods)), layout="constrained")
+        figure = Figure(figsize=(WIDTH, 0.9 + 0.46 * len(methods)), layout="constrained")
         axes = figure.add_subplot()
         largest = max(float(summary["execution_time_s"]) for summary in summaries.values())
         for row, method in enumerate(methods):
-            for offset, space in zip(offsets(len(spaces), 0.3), spaces, strict=True):
+            for offset, space in zip(offsets(len(spaces), 0.4), spaces, strict=True):
                 if (method, space) in summaries:
-                    style, is_filled = method_style(method, methods), space == "continuous"
-                    _draw_time(axes, row + offset, summaries[method, space], style, is_filled)
+                    is_filled = space == "continuous"
+                    _draw_time(axes, row + offset, summaries[method, space], styles[method], is_filled)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _seconds(value)))
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.set_xlim(right=largest * 2.2)
+        axes.set_xlim(right=largest * 5.0)  # room for the figures
         axes.set_yticks(range(len(methods)), methods)
         axes.set_ylim(len(methods) - 0.5, -0.5)
         axes.grid(axis="y", visible=False)
         axes.tick_params(axis="y", length=0)
         axes.set_xlabel("Planning and execution time per run")
         handles = [
-            Line2D([], [], ls="", marker="o", ms=7, color=FAINT, mfc=FAINT if space == "continuous" else PAPER)
+            Line2D([], [], ls="", marker="o", ms=7, color=FAINT, mfc=FAINT if space == "continuous" else SURFACE)
             for space in spaces
         ]
         figure.legend(handles, [f"{space} actions" for space in spaces], loc="outside upper left", ncols=2)
@@ -120,63 +125,71 @@ def robustness(episodes: pd.DataFrame, metric: MetricName = "success_rate") -> F
     not_empty(noisy, "objects of mixed size with noise")
     levels = [level for level in NOISE_ORDER if level in set(rows["noise_level"])]
     numbers = _requested_num_objects(noisy)
-    columns = min(len(panels), 4)
+    columns = min(len(panels), 2)
     lines = -(-len(panels) // columns)
     with figure_style():
-        figure = Figure(figsize=(1.0 + 2.35 * columns, 0.8 + 2.5 * lines), layout="constrained")
-        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+        figure = Figure(figsize=(WIDTH, 0.8 + 2.3 * lines), layout="constrained")
+        grid = figure.subplots(lines, columns, sharey=True, squeeze=False)
         for axes in grid.flat[len(panels) :]:
             axes.set_visible(False)
         for axes, (method, space) in zip(grid.flat, panels, strict=False):
             panel = rows.loc[(rows["method"] == method) & (rows["action_space"] == space)]
             summary = summarize(panel, ["noise_level", "num_objects"])
-            for offset, level in zip(offsets(len(levels), 0.3), levels, strict=True):
+            width = 0.4 * spacing(numbers)
+            for offset, level in zip(offsets(len(levels), width), levels, strict=True):
                 line = summary.loc[summary["noise_level"] == level].set_index("num_objects").reindex(numbers)
-                colour = NOISE_COLOURS[level]
-                error_line(axes, line, metric, offset, color=colour, marker="o", ms=4, ls=NOISE_LINES[level])
-            axes.set_title(method if len(set(noisy["action_space"])) == 1 else f"{method}, {space}", fontsize=9.5)
+                error_line(axes, line, metric, offset, **NOISE_STYLES[level].keywords(4.5))
+            axes.set_title(method if len(set(noisy["action_space"])) == 1 else f"{method},\n{space}", fontsize=9.5)
             finish_axes(axes, metric, numbers)
             axes.set_xlabel("Objects in the scene")
         for axes in grid[:, 0]:
             axes.set_ylabel(AXIS_LABELS[metric])
-        handles = [
-            Line2D([], [], color=NOISE_COLOURS[level], ls=NOISE_LINES[level], marker="o", ms=4) for level in levels
-        ]
+        handles = [Line2D([], [], **NOISE_STYLES[level].keywords(4.5)) for level in levels]
         names = [f"{level} noise" if level != "none" else "no noise" for level in levels]
-        figure.legend(handles, names, loc="outside upper left", ncols=len(levels))
+        figure.legend(handles, names, loc="outside upper left", ncols=2)
     return figure
 
 
 def _panels_by_action_space(
-    rows: pd.DataFrame, metric: MetricName, draw: Callable[[Axes, pd.DataFrame], None]
+    rows: pd.DataFrame,
+    metric: MetricName,
+    draw: Callable[[Axes, pd.DataFrame], None],
+    styles: Mapping[str, LineStyle],
 ) -> Figure:
     rows = with_labels(rows)
     spaces = [space for space in ACTION_SPACES if space in set(rows["action_space"])]
     methods = order_methods(rows["method"].tolist())
     with figure_style():
-        figure = Figure(figsize=(0.9 + 4.3 * len(spaces), 4.0), layout="constrained")
-        grid = figure.subplots(1, len(spaces), sharey=True, squeeze=False)[0]
+        height = 0.3 + 0.2 * math.ceil(len(methods) / 2) + 2.9 * len(spaces)
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        grid = figure.subplots(len(spaces), 1, sharey=True, squeeze=False)[:, 0]
         for axes, space in zip(grid, spaces, strict=True):
             panel = rows.loc[rows["action_space"] == space]
             draw(axes, panel)
             axes.set_title(f"{space.capitalize()} actions")
-        grid[0].set_ylabel(AXIS_LABELS[metric])
-        styles = [method_style(method, methods) for method in methods]
-        handles = [Line2D([], [], color=style.colour, marker=style.marker, ms=6) for style in styles]
-        figure.legend(handles, methods, loc="outside upper left", ncols=3)
+            axes.set_ylabel(AXIS_LABELS[metric])
+        handles = [Line2D([], [], **styles[method].keywords(6.0)) for method in methods]
+        figure.legend(handles, methods, loc="outside upper left", ncols=2)
     return figure
 
 
-def _draw_methods(axes: Axes, panel: pd.DataFrame, by: str, positions: Sequence[Any], metric: MetricName) -> None:
+def _draw_methods(
+    axes: Axes,
+    panel: pd.DataFrame,
+    by: str,
+    positions: Sequence[Any],
+    metric: MetricName,
+    styles: Mapping[str, LineStyle],
+) -> None:
     methods = order_methods(panel["method"].tolist())
-    for offset, method in zip(offsets(len(methods), 0.36), methods, strict=True):
-        style = method_style(method, methods)
+    width = spacing(positions) * min(0.8, 0.08 * len(methods))
+    for offset, method in zip(offsets(len(methods), width), methods, strict=True):
         line = summarize(panel.loc[panel["method"] == method], [by]).set_index(by).reindex(positions)
-        error_line(axes, line, metric, offset, color=style.colour, marker=style.marker, ms=6)
+        error_line(axes, line, metric, offset, **styles[method].keywords(6.0))
     finish_axes(axes, metric, positions)
 
 
-def _draw_time(axes: Axes, y: float, summary: dict[Any, Any], style: MethodStyle, is_filled: bool) -> None:
+def _draw_time(axes: Axes, y: float, summary: dict[Any, Any], style: LineStyle, is_filled: bool) -> None:
     """A mean execution time with its interval, and its value in figures."""
     value, low, high = (float(summary[f"execution_time_s{end}"]) for end in ("", "_low", "_high"))
     low = max(low, 0.2 * value)  # a logarithmic axis has no zero
@@ -185,9 +198,10 @@ def _draw_time(axes: Axes, y: float, summary: dict[Any, Any], style: MethodStyle
         [value],
         [y],
         xerr=errors,
-        fmt=style.marker,
+        linestyle="",
+        marker=style.marker,
         color=style.colour,
-        markerfacecolor=style.colour if is_filled else PAPER,
+        markerfacecolor=style.colour if is_filled else SURFACE,
         markersize=7,
         elinewidth=1.2,
         capsize=3,

@@ -26,6 +26,20 @@ KNOWN_METHODS: Final = (
 )
 """Labels of the paper's methods and of the further baselines, in the order of legends and tables."""
 
+_DESCRIPTIONS: Final = {
+    "VisualRHP": "Receding horizon planning (Algorithm 1): simulates roll-outs of a network's policy, which reads an "
+    "image, takes the first action of the best one, and observes again.",
+    "VisualRHP+": "VisualRHP with options of the planner beyond Algorithm 1.",
+    "CartesianRHP": "VisualRHP with networks that read the poses of a fixed number of objects instead of an image.",
+    "CartesianRHP+": "CartesianRHP with the options of VisualRHP+.",
+    "CraftedHeuristicRHP": "VisualRHP with a handcrafted formula and random roll-outs in place of the network.",
+    "CraftedHeuristicRHP+": "CraftedHeuristicRHP with the options of VisualRHP+.",
+    "Greedy": "The policy of VisualRHP's network alone, without looking ahead.",
+    "K.RRT": "Kinodynamic RRT: searches for a plan once and follows it without looking again (open loop).",
+    "K.RRT closed loop": "K.RRT that searches again in every state that its plan did not predict.",
+    "dhRRT": "K.RRT that searches again whenever the object has come a part of the way; after Ren et al., 2022.",
+}
+
 ACTION_SPACES: Final = ("continuous", "discrete")
 SIZES: Final = ("small", "mixed", "large")
 NOISE_ORDER: Final = ("none", "low", "medium", "high")
@@ -68,6 +82,16 @@ def method_label(planner: str, num_rollouts: float | None = None, horizon: float
         return planner
     suffix = f"{int(num_rollouts or 0)}x{int(horizon or 0)}"
     return planner if planner.endswith(suffix) else f"{planner} {suffix}"
+
+
+def method_description(planner: str) -> str:
+    """What a planner of this name does, in a sentence; empty for one that is not known.
+
+    Args:
+        planner: name, also one with n x h ("VisualRHP 6x6") or a deadline ("VisualRHP in 50 ms").
+    """
+    fitting = [name for name in _DESCRIPTIONS if planner == name or planner.startswith(f"{name} ")]
+    return _DESCRIPTIONS[max(fitting, key=len)] if fitting else ""
 
 
 def with_labels(table: pd.DataFrame) -> pd.DataFrame:

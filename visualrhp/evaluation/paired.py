@@ -54,6 +54,20 @@ def paired_table(episodes: pd.DataFrame, references: Sequence[str] = SEARCHES) -
     return pd.DataFrame(rows, columns=[*CONDITION, "method", "reference", *paired_difference(_NOTHING)])
 
 
+def compare_methods(episodes: pd.DataFrame, method: str, reference: str) -> dict[str, float] | None:
+    """Compare two methods on all task instances that both were run on, whatever their condition.
+
+    Returns:
+        See :func:`paired_difference`; None without such instances.
+    """
+    labelled = with_labels(episodes).drop_duplicates([*METHOD, *CONDITION, *_INSTANCE])
+    own, other = (
+        labelled.loc[labelled["method"] == name].set_index([*CONDITION, *_INSTANCE]) for name in (method, reference)
+    )
+    pair = own.join(other.add_suffix("_reference"), how="inner")
+    return paired_difference(pair) if len(pair) else None
+
+
 def paired_difference(pair: pd.DataFrame) -> dict[str, float]:
     """The numbers of a row of :func:`paired_table`.
 

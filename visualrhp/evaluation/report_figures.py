@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from visualrhp.errors import DataError
 from visualrhp.evaluation import episode_figures, training_figures
 from visualrhp.evaluation.curves import read_curves
+from visualrhp.evaluation.metrics import CONFIDENCE
 from visualrhp.evaluation.summaries import without_noise
 from visualrhp.evaluation.sweeps import TASKS_PER_BATCH, demonstration_batches, stability_trials
 
@@ -36,7 +37,7 @@ def result_figures(episodes: pd.DataFrame) -> dict[str, list[NamedFigure]]:
             "environments",
             "figure_7a",
             "Success rate by number of objects",
-            "Objects of mixed size. Paper, Fig. 7a.",
+            "Objects of mixed size, no noise. Paper, Fig. 7a.",
             by_num_objects,
         ),
         (
@@ -66,7 +67,7 @@ def result_figures(episodes: pd.DataFrame) -> dict[str, list[NamedFigure]]:
             "figure_9",
             "Execution time per run",
             "Time to choose all actions of a run and to simulate those executed, mean over all runs, on this machine; "
-            "logarithmic scale. Paper, Fig. 9.",
+            "logarithmic scale. Filled symbols: continuous actions, hollow ones: discrete. Paper, Fig. 9.",
             episode_figures.execution_time,
         ),
         (
@@ -106,7 +107,7 @@ def curve_figures(folders: Sequence[Path]) -> list[NamedFigure]:
             figure = training_figures.training_curves(curves, shown.unit, shown.columns, shown.unit.capitalize())
         except DataError:  # no such curves, as in a run without validation of a single iteration
             continue
-        caption = f"One line per trained network ({len(curves)}); greedy is the policy without look-ahead."
+        caption = f"One line per trained network ({len(curves)}). {shown.explanation}"
         named.append(NamedFigure(f"training_{folder.name}", shown.name, caption, figure))
     return named
 
@@ -126,7 +127,8 @@ def sweep_figures(demonstrations: Path | None, stability: Path | None) -> list[N
         trials = stability_trials(stability)
         figure = training_figures.learning_stability(trials)
         caption = (
-            f"Reinforcement learning with and without the baseline step, {trials['trial'].nunique()} trials (Fig. 6)."
+            f"Reinforcement learning with the baseline step (C3PO) and without it (PPO), {trials['trial'].nunique()} "
+            f"trials; bands are {CONFIDENCE:.0%} confidence intervals (Fig. 6)."
         )
         named.append(NamedFigure("stability", "Learning stability", caption, figure))
     return named

@@ -11,27 +11,40 @@ from typing import Any, Final
 import jinja2
 import pandas as pd
 
-from visualrhp.evaluation.methods import ACTION_SPACES, order_methods, with_labels
+from visualrhp.evaluation.methods import method_description, with_labels
 from visualrhp.evaluation.metrics import CONFIDENCE, summarize
-from visualrhp.evaluation.paired import paired_table
 from visualrhp.evaluation.report_figures import NamedFigure
+from visualrhp.evaluation.report_findings import SIGNIFICANCE, findings, own_method, success_sentence
 from visualrhp.evaluation.report_tables import decision_time, detail_tables, main_table, number, paired_rows
 from visualrhp.evaluation.report_videos import Attempt, SceneVideos
-from visualrhp.evaluation.styles import method_style, to_svg
+from visualrhp.evaluation.styles import LineStyle, css_colour, css_colours, key_svg, method_styles, to_svg
 from visualrhp.evaluation.summaries import duration, main_rows, percent
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
 
-_OWN_METHODS: Final = ("VisualRHP+ 3x3", "VisualRHP 3x3")
-"""The headline is about the first of them that was evaluated."""
-
-_BASELINES: Final = ("VisualRHP 3x3", "Greedy", "CraftedHeuristicRHP 8x4", "K.RRT")
-"""The methods that the headline compares it with."""
-
-_SEARCH: Final = "K.RRT closed loop"
-"""The method that plans without learning, with which the lead compares the headline's method."""
-
-_SIGNIFICANCE: Final = 0.05
+_SYMBOLS: Final = (
+    ("n×h", "After the name of a method: it compares n roll-outs of h actions in every state."),
+    ("Success rate", "Share of the tasks that are completed in under 50 actions with nothing dropped."),
+    (
+        "Efficiency",
+        "Action efficiency: objects in the scene over actions until completion, mean over the completed tasks "
+        "(Sec. 7.3).",
+    ),
+    ("Time per run", "Time to choose all actions of a run and to simulate them, mean over all runs, on this machine."),
+    ("Decision", "Mean time to choose an action, on one core."),
+    ("Dropped", "Share of the tasks in which an object falls off the table."),
+    (
+        "Small numbers",
+        f"{CONFIDENCE:.0%} confidence intervals: Wilson's for rates, Student's for means. The bars of the figures, and "
+        "the two marks on the bar of a success rate in the tables, show the same.",
+    ),
+    (
+        "p",
+        f"The probability of such a difference, or a larger one, if the methods were equal. Below {SIGNIFICANCE:g} the "
+        "text names a difference, else it says: about as many tasks, plans of about the same length.",
+    ),
+)
+"""What is to be known to read the tables and figures."""
 
 _PIXELS_PER_INCH: Final = 104
 """Natural scale of a figure on the page: its text is about as large as the page's notes."""
@@ -40,8 +53,8 @@ _SECTIONS: Final = {
     "environments": (
         "Different environments",
         "Environments",
-        "Success, action efficiency and time as scenes have more and larger objects (Sec. 8.1). Bars are "
-        f"{CONFIDENCE:.0%} confidence intervals.",
+        "Success, action efficiency and time as scenes have more and larger objects (Sec. 8.1). Symbols stand side by "
+        f"side for one number or size of objects; bars are {CONFIDENCE:.0%} confidence intervals.",
     ),
     "robustness": (
         "Robustness to unmodelled dynamics",
@@ -90,6 +103,7 @@ def render(content: Content) -> str:
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined
     )
     main = main_rows(content.episodes)
+    styles = method_styles(content.episodes)
     tables = detail_tables(content.episodes)
     sections = [
         {
@@ -109,15 +123,17 @@ def render(content: Content) -> str:
         training = {"text": text, "figures": [_embedded(figure) for figure in content.figures["training"]]}
     return environment.get_template("report.html.j2").render(
         title=content.title,
-        lead=_lead(main),
+        lead=" ".join(findings(main)) or success_sentence(main),
         facts=content.facts,
         cards=_cards(main),
         scenes=[_scene(scene) for scene in content.scenes],
-        results_note=(
-            f"{_description(main)} Every method is run on the same tasks. Ranges are {CONFIDENCE:.0%} confidence "
-            "intervals: Wilson's for rates, bootstrap for means. Action efficiency: objects in the scene over actions "
-            "until completion, averaged over completed tasks (Sec. 7.3)."
-        ),
+        results_note=(f"{success_sentence(main)} {_description(main)} Every method is run on the same tasks."),
+        methods=_methods(content.episodes, styles),
+        keys={name: key_svg(style) for name, style in styles.items()},
+        colours={name: css_colour(style.colour) for name, style in styles.items()},
+        light=css_colours("light"),
+        dark=css_colours("dark"),
+        symbols=_SYMBOLS,
         main_table=main_table(content.episodes),
         paired=paired_rows(content.episodes),
         confidence=f"{CONFIDENCE:.0%}",
@@ -129,6 +145,12 @@ def render(content: Content) -> str:
         documents=content.documents,
         footer=content.footer,
     )
+
+
+def _methods(episodes: pd.DataFrame, styles: Mapping[str, LineStyle]) -> list[tuple[str, str]]:
+    """The evaluated methods with what they do, in the order of legends."""
+    planners = dict(with_labels(episodes)[["method", "planner"]].itertuples(index=False, name=None))
+    return [(name, method_description(planners[name])) for name in styles]
 
 
 def _embedded(figure: NamedFigure) -> dict[str, Any]:
@@ -163,49 +185,9 @@ def _description(rows: pd.DataFrame) -> str:
     return f"{what}, {'without noise' if set(rows['noise_level']) == {'none'} else 'with noise'}."
 
 
-def _lead(main: pd.DataFrame) -> str:
-    """The result of the headline's method, compared with searching again if that was evaluated, and with others."""
-    labelled = with_labels(main)
-    space = next(space for space in ACTION_SPACES if space in set(labelled["action_space"]))
-    rows = labelled.loc[labelled["action_space"] == space]
-    rates = {row["method"]: row for row in summarize(rows, ["method"]).to_dict("records")}
-    own = _own_method(list(rates))
-    sentence = (
-        f"{own} completes {percent(rates[own]['success_rate'])} of the tasks "
-        f"({percent(rates[own]['success_rate_low'])} to {percent(rates[own]['success_rate_high'])}) "
-        f"with {space} actions"
-    )
-    others = [f"{name} {percent(rates[name]['success_rate'])}" for name in _BASELINES if name in rates and name != own]
-    sentence = f"{sentence}; {', '.join(others)}." if others else f"{sentence}."
-    paired = paired_table(rows, (_SEARCH,))
-    compared = paired.loc[paired["method"] == own].to_dict("records")
-    return f"{_finding(compared[0])} {sentence}" if compared else sentence
-
-
-def _finding(row: Mapping[Any, Any]) -> str:
-    """What a paired comparison says about learning and searching, in words; differences count below p = 0.05."""
-
-    def word(difference: float, p: float, more: str, less: str, equal: str) -> str:
-        return equal if not p < _SIGNIFICANCE else more if difference > 0 else less
-
-    success = word(row["success_difference"], row["success_p"], "more", "fewer", "as many")
-    actions = word(row["actions_difference"], row["actions_p"], "longer", "shorter", "equally long")
-    return (
-        f"A learned policy that looks a few actions ahead ({row['method']}) completes {success} tasks "
-        f"{'as' if success == 'as many' else 'than'} searching for a plan again ({row['reference']}), with {actions} "
-        f"plans ({abs(row['actions_difference']):.1f} actions of difference)."
-    )
-
-
-def _own_method(methods: Sequence[str]) -> str:
-    """The method of the headline."""
-    return next(name for name in (*_OWN_METHODS, *order_methods(methods)) if name in methods)
-
-
 def _cards(main: pd.DataFrame) -> list[dict[str, str]]:
     labelled = with_labels(main)
-    methods = labelled["method"].tolist()
-    own = _own_method(methods)
+    own = own_method(labelled["method"].tolist())
     rows = labelled.loc[labelled["method"] == own]
     by_space = summarize(rows, ["action_space"]).to_dict("records")
     cards = [
@@ -214,7 +196,7 @@ def _cards(main: pd.DataFrame) -> list[dict[str, str]]:
             "value": percent(row["success_rate"]),
             "range": f"{100 * row['success_rate_low']:.0f} to {percent(row['success_rate_high'])} "
             f"of {row['episodes']} tasks, {own}",
-            "colour": method_style(own, methods).colour,
+            "method": own,
         }
         for row in by_space
     ]
@@ -224,7 +206,7 @@ def _cards(main: pd.DataFrame) -> list[dict[str, str]]:
             "label": f"Action efficiency, {first['action_space']}",
             "value": number(first["action_efficiency"]),
             "range": "objects in the scene per action",
-            "colour": "",
+            "method": "",
         }
     )
     cards.append(
@@ -232,7 +214,7 @@ def _cards(main: pd.DataFrame) -> list[dict[str, str]]:
             "label": f"Decision time, {first['action_space']}",
             "value": duration(decision_time(rows.loc[rows["action_space"] == first["action_space"]])),
             "range": "per action, on one core",
-            "colour": "",
+            "method": "",
         }
     )
     return cards

@@ -11,7 +11,6 @@ import pandas as pd
 from visualrhp.evaluation.methods import ACTION_SPACES, NOISE_ORDER, SIZES, order_methods, with_labels
 from visualrhp.evaluation.metrics import summarize
 from visualrhp.evaluation.paired import paired_table
-from visualrhp.evaluation.styles import method_style
 from visualrhp.evaluation.summaries import duration, main_rows, mixed_sizes, percent, without_noise
 
 
@@ -79,7 +78,6 @@ def results_table(episodes: pd.DataFrame, by: Mapping[str, str], title: str, cap
         rows.append(
             {
                 "labels": [str(row[key]) for key in by],
-                "colour": method_style(row["method"], methods).colour,
                 "starts_group": previous is not None and group != previous,
                 "success": percent(row["success_rate"]),
                 "success_range": f"{100 * low:.0f}–{100 * high:.0f}",

@@ -1,8 +1,12 @@
 """How figures look, and how they are written.
 
-Every method has the same colour and marker in all figures (the colour-blind safe set of Okabe and Ito, and greys).
-Figures are plain matplotlib ``Figure`` objects, created within :func:`figure_style` and without pyplot's global state;
-:func:`to_svg` prepares one for a page, :func:`save` writes it.
+A colour has a value for a light and one for a dark background. Both have a contrast of at least 3:1 with it (text:
+4.5:1), and remain apart for colour-blind readers. A method has the same colour, marker and line in all figures of an
+evaluation; the marker alone identifies it in black and white.
+
+Figures are plain matplotlib ``Figure`` objects, created within :func:`figure_style` and without pyplot's global state.
+They are drawn in the light colours. :func:`save` writes them on an opaque light background, :func:`to_svg` prepares one
+for a page that defines the colours for its theme (:func:`css_colours`).
 """
 
 from __future__ import annotations
@@ -10,70 +14,123 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import matplotlib
+import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from visualrhp.evaluation.methods import KNOWN_METHODS, order_methods
+from visualrhp.evaluation.methods import KNOWN_METHODS, order_methods, with_labels
 from visualrhp.files import atomic_path
 
 INK: Final = "#1c2129"
-FAINT: Final = "#6f7885"
+FAINT: Final = "#616a77"
 GRID: Final = "#d9dde3"
-PAPER: Final = "#fefefe"
+SURFACE: Final = "#ffffff"
 
-BLUE: Final = "#0072b2"
-VERMILION: Final = "#d55e00"
-GREEN: Final = "#009e73"
-PURPLE: Final = "#cc79a7"
-ORANGE: Final = "#e69f00"
-SKY: Final = "#56b4e9"
-GREY: Final = "#6f6f6f"
-LIGHT_GREY: Final = "#9a9a9a"
-BLACK: Final = "#000000"
+BLUE: Final = "#1f3fb5"
+SKY: Final = "#2f88d8"
+ORANGE: Final = "#c97a14"
+GREEN: Final = "#12875a"
+VERMILION: Final = "#c2250f"
+PURPLE: Final = "#6f2a80"
+GREY: Final = "#6b6467"
 
-PALETTE: Final = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, GREY)
-"""Colours of lines that are not methods, in their order."""
+COLOURS: Final = {
+    "ink": (INK, "#e8ebf0"),
+    "faint": (FAINT, "#9aa4b2"),
+    "grid": (GRID, "#343b47"),
+    "surface": (SURFACE, "#1a1e25"),
+    "blue": (BLUE, "#3a84d6"),
+    "sky": (SKY, "#5cd0ff"),
+    "orange": (ORANGE, "#ffc53d"),
+    "green": (GREEN, "#4fb981"),
+    "vermilion": (VERMILION, "#f2543a"),
+    "purple": (PURPLE, "#e38fe0"),
+    "grey": (GREY, "#8d8683"),
+}
+"""Name -> colour on a light background, colour on a dark one. No other colours are used in figures."""
 
-NOISE_COLOURS: Final = {"none": "#0b2545", "low": "#2a6f97", "medium": "#c8792b", "high": "#a4161a"}
-NOISE_LINES: Final = {"none": "-", "low": "--", "medium": "-.", "high": ":"}
+WIDTH: Final = 5.0
+"""Width of every figure [inch]: its text is legible on a telephone, and two stand side by side on a screen."""
+
+_DASHED: Final = (0, (5.0, 1.8))
+_DOTTED: Final = (0, (1.2, 1.4))
+_DASH_DOT: Final = (0, (5.0, 1.5, 1.2, 1.5))
+_LINES: Final = ("-", _DASHED, _DOTTED, _DASH_DOT)
+
+Dashes = str | tuple[int, tuple[float, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class MethodStyle:
-    """How a method is drawn."""
+class LineStyle:
+    """How a method, a network or a level of noise is drawn."""
 
     colour: str
-    marker: str
+    marker: Any
+    line: Dashes
+
+    def keywords(self, marker_size: float | None) -> dict[str, Any]:
+        """For matplotlib; without markers where their size is None."""
+        markers = {} if marker_size is None else {"marker": self.marker, "markersize": marker_size}
+        return {"color": self.colour, "linestyle": self.line, **markers}
 
 
-_LOOKS = (
-    (BLUE, "*"),
-    (SKY, "D"),
-    (BLUE, "o"),
-    (ORANGE, "h"),
-    (ORANGE, "s"),
-    (GREEN, "p"),
-    (GREEN, "^"),
-    (VERMILION, "v"),
-    (GREY, "X"),
-    (PURPLE, "P"),
-    (BLACK, "d"),
+_METHOD_STYLES: Final[dict[str, LineStyle]] = dict(
+    zip(
+        KNOWN_METHODS,
+        (
+            LineStyle(BLUE, "*", "-"),
+            LineStyle(BLUE, "D", _DASHED),
+            LineStyle(SKY, "o", _DOTTED),
+            LineStyle(ORANGE, "<", "-"),
+            LineStyle(ORANGE, "s", _DASHED),
+            LineStyle(GREEN, ">", "-"),
+            LineStyle(GREEN, "^", _DASHED),
+            LineStyle(VERMILION, "v", _DASH_DOT),
+            LineStyle(PURPLE, "X", _DASHED),
+            LineStyle(PURPLE, "P", "-"),
+            LineStyle(INK, "d", _DOTTED),
+        ),
+        strict=True,
+    )
 )
-_STYLES: Final = {label: MethodStyle(*look) for label, look in zip(KNOWN_METHODS, _LOOKS, strict=True)}
-_FURTHER_STYLES: Final = [MethodStyle(LIGHT_GREY, marker) for marker in ("h", "*", "p", "<", ">", "H")]
+_FURTHER_MARKERS: Final = ((3, 1, 0), (6, 1, 0), "p", "8", (3, 1, 180))  # stars with three and with six points
+
+NOISE_STYLES: Final = {
+    "none": LineStyle(INK, "o", "-"),
+    "low": LineStyle(SKY, "s", _DASHED),
+    "medium": LineStyle(ORANGE, "^", _DASH_DOT),
+    "high": LineStyle(VERMILION, "v", _DOTTED),
+}
+
+_SERIES_COLOURS: Final = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
+_SERIES_MARKERS: Final = ("o", "s", "^", "D", "v", "X", "P", "d", "<", ">", "*")
 
 
-def method_style(label: str, labels: Sequence[str]) -> MethodStyle:
-    """Colour and marker of the method ``label`` among all ``labels`` of a figure."""
-    if label in _STYLES:
-        return _STYLES[label]
-    others = [other for other in order_methods(labels) if other not in _STYLES]
-    return _FURTHER_STYLES[others.index(label) % len(_FURTHER_STYLES)]
+def method_styles(episodes: pd.DataFrame) -> dict[str, LineStyle]:
+    """The styles of all methods in a table of episodes, in the order of legends.
+
+    Give it the whole table of an evaluation, so that all of its figures agree: methods without a style of their own get
+    one by their order.
+    """
+    labels = order_methods(with_labels(episodes)["method"].tolist())
+    further = [label for label in labels if label not in _METHOD_STYLES]
+    others = {
+        label: LineStyle(GREY, _FURTHER_MARKERS[number % len(_FURTHER_MARKERS)], _LINES[number % len(_LINES)])
+        for number, label in enumerate(further)
+    }
+    return {label: _METHOD_STYLES.get(label) or others[label] for label in labels}
+
+
+def series_style(number: int) -> LineStyle:
+    """The style of line ``number`` of lines that are not methods; 308 differ."""
+    colours, markers = _SERIES_COLOURS, _SERIES_MARKERS
+    return LineStyle(colours[number % len(colours)], markers[number % len(markers)], _LINES[number % len(_LINES)])
 
 
 @contextmanager
@@ -96,9 +153,8 @@ def figure_style() -> Iterator[None]:
         "axes.axisbelow": True,
         "axes.facecolor": "none",
         "figure.facecolor": "none",
-        "savefig.facecolor": "white",
+        "savefig.facecolor": SURFACE,
         "grid.color": GRID,
-        "grid.alpha": 0.6,
         "grid.linewidth": 0.7,
         "lines.linewidth": 1.5,
         "legend.frameon": False,
@@ -118,15 +174,25 @@ def figure_style() -> Iterator[None]:
         yield
 
 
+def css_colours(theme: Literal["light", "dark"]) -> str:
+    """Declarations of the colours for a style sheet: ``--ink: #1c2129; ...``."""
+    return " ".join(f"--{name}: {values[theme == 'dark']};" for name, values in COLOURS.items())
+
+
+def css_colour(colour: str) -> str:
+    """The name of a colour of a figure in a style sheet: ``var(--blue)``."""
+    return next(f"var(--{name})" for name, (light, _) in COLOURS.items() if light == colour)
+
+
 def to_svg(figure: Figure) -> str:
     """The figure as an ``<svg>`` element for an HTML page: no identifiers that could clash, no external names.
 
-    Text and axes take the page's text colour (``currentColor``), hollow markers its ``--surface`` colour, so that the
-    figure follows a light or dark theme. The same figure gives the same string.
+    It has no background, and the page defines its colours (:func:`css_colours`). The same figure gives the same string.
     """
     with figure_style():
         buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
+        figure.savefig(buffer, format="svg", metadata=metadata, facecolor="none")
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :].strip()
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
@@ -135,11 +201,23 @@ def to_svg(figure: Figure) -> str:
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
     svg = svg.replace("font-family: 'DejaVu Sans', sans-serif", "font-family: inherit")
-    return svg.replace(INK, "currentColor").replace(PAPER, "var(--surface, #fff)")
+    return re.sub("|".join(light for light, _ in COLOURS.values()), lambda match: css_colour(match.group()), svg)
+
+
+def key_svg(style: LineStyle) -> str:
+    """A piece of a line in this style as an ``<svg>`` element: the key to the figures in text and tables."""
+    with figure_style():
+        figure = Figure(figsize=(0.36, 0.16))
+        figure.add_artist(Line2D([0.0, 1.0], [0.5, 0.5], **style.keywords(None)))
+        figure.add_artist(Line2D([0.5], [0.5], **style.keywords(6.5)))
+    return to_svg(figure)
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write the figure to ``path`` (.svg, .png or .pdf), atomically; the same figure gives the same bytes."""
+    """Write the figure to ``path`` (.svg, .png or .pdf), atomically; the same figure gives the same bytes.
+
+    Its background is opaque: it is as legible in a dark viewer as in a light one.
+    """
     suffix = os.path.splitext(path)[1]
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix, {})
     with figure_style(), atomic_path(path) as temporary:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ from visualrhp.errors import DataError
 from visualrhp.evaluation.axes import AXIS_LABELS, error_line, not_empty, percent_axis
 from visualrhp.evaluation.methods import ACTION_SPACES
 from visualrhp.evaluation.metrics import mean_interval
-from visualrhp.evaluation.styles import BLUE, LIGHT_GREY, PALETTE, VERMILION, figure_style
+from visualrhp.evaluation.styles import WIDTH, figure_style, series_style
 
 
 @dataclass(frozen=True)
@@ -26,58 +27,68 @@ class ShownCurves:
     Attributes:
         name: of the stage, in words.
         unit: what a row of its curves stands for; a column.
-        columns: to draw.
+        columns: to draw -> title of their panel.
+        explanation: of the titles.
     """
 
     name: str
     unit: str
-    columns: Sequence[str]
+    columns: Mapping[str, str]
+    explanation: str
 
 
 SHOWN_CURVES: Final[Mapping[str, ShownCurves]] = {
     "train_il": ShownCurves(
         "Imitation learning",
         "epoch",
-        (
-            "greedy/success_rate",
-            "greedy/action_efficiency",
-            "train/loss",
-            "validation/loss",
-            "validation/value_rmse",
-            "validation/agreement",
-            "train/log_likelihood",
-            "validation/log_likelihood",
-            "train/entropy",
-        ),
+        {
+            "greedy/success_rate": "Success rate, greedy",
+            "greedy/action_efficiency": "Action efficiency, greedy",
+            "train/loss": "Loss, training data",
+            "validation/loss": "Loss, validation data",
+            "validation/value_rmse": "RMS error of predicted return",
+            "validation/agreement": "Share of actions as shown",
+            "train/log_likelihood": "Log-likelihood, training data",
+            "validation/log_likelihood": "Log-likelihood, validation",
+            "train/entropy": "Entropy of the policy (nat)",
+        },
+        "Greedy: the policy without look-ahead, on validation tasks. Loss: Eq. 5 and 6; log-likelihood and predicted "
+        "return are its terms. RMS: root mean square.",
     ),
     "train_rl": ShownCurves(
         "Reinforcement learning",
         "iteration",
-        (
-            "greedy/success_rate",
-            "greedy/action_efficiency",
-            "collection/success_rate",
-            "collection/return",
-            "value/td_rmse",
-            "q/loss",
-            "baseline/kl",
-            "policy/entropy",
-            "policy/kl",
-        ),
+        {
+            "greedy/success_rate": "Success rate, greedy",
+            "greedy/action_efficiency": "Action efficiency, greedy",
+            "collection/success_rate": "Success rate, exploring",
+            "collection/return": "Return, exploring",
+            "value/td_rmse": "RMS temporal difference",
+            "q/loss": "Squared temporal difference",
+            "baseline/kl": "KL to policy, baseline step",
+            "policy/entropy": "Entropy of the policy (nat)",
+            "policy/kl": "KL to old policy (nat)",
+        },
+        "Greedy: the policy without look-ahead, on validation tasks. Exploring: while transitions are collected. "
+        "Temporal difference: target minus value (Eq. 7, 8 and 10). RMS: root mean square. KL: Kullback-Leibler "
+        "divergence.",
     ),
     "expert_iteration": ShownCurves(
         "Expert iteration",
         "round",
-        (
-            "validation/score",
-            "validation/success_rate",
-            "validation/num_actions",
-            "greedy/success_rate",
-            "collection/expert_success_rate",
-            "collection/greedy_success_rate",
-            "imitation/train_value_error",
-            "imitation/validation_value_rmse",
-        ),
+        {
+            "validation/score": "Score of the planner",
+            "validation/success_rate": "Success rate, planner",
+            "validation/num_actions": "Actions, planner",
+            "greedy/success_rate": "Success rate, greedy",
+            "collection/expert_success_rate": "Success rate, expert's episodes",
+            "collection/greedy_success_rate": "Success rate, greedy episodes",
+            "imitation/train_value_error": "Value error, training data",
+            "imitation/validation_value_rmse": "RMS error of predicted return",
+        },
+        "Planner: VisualRHP+ with the network of the round, on validation tasks; its score is success minus a cost of "
+        "the actions. Greedy: the network without look-ahead. Expert's and greedy episodes: those that the next "
+        "network imitates. RMS: root mean square.",
     ),
 }
 """By stage, which is the name of its folder."""
@@ -96,13 +107,14 @@ def demonstrations_sweep(batches: pd.DataFrame) -> Figure:
     """
     not_empty(batches, "demonstration sweeps")
     with figure_style():
-        figure = Figure(figsize=(5.6, 3.5), layout="constrained")
+        figure = Figure(figsize=(WIDTH, 3.3), layout="constrained")
         axes = figure.add_subplot()
-        for space, colour, marker in zip(ACTION_SPACES, (BLUE, VERMILION), ("o", "s"), strict=True):
+        for number, space in enumerate(ACTION_SPACES):
             points = _interval_table(batches.loc[batches["action_space"] == space], "num_demonstrations")
             if points.empty:
                 continue
-            error_line(axes, points, "success_rate", 0.0, color=colour, marker=marker, ms=5.5, label=f"{space} actions")
+            style = series_style(number).keywords(5.5)
+            error_line(axes, points, "success_rate", 0.0, label=f"{space} actions", **style)
         axes.set_xlabel("Available demonstrations")
         axes.set_ylabel(AXIS_LABELS["success_rate"])
         axes.set_xlim(left=0)
@@ -122,69 +134,69 @@ def learning_stability(trials: pd.DataFrame) -> Figure:
         DataError: there are no trials.
     """
     not_empty(trials, "reinforcement learning trials")
-    colours = {"C3PO": BLUE, "PPO": VERMILION}
     with figure_style():
-        figure = Figure(figsize=(5.6, 3.5), layout="constrained")
+        figure = Figure(figsize=(WIDTH, 3.3), layout="constrained")
         axes = figure.add_subplot()
         for number, algorithm in enumerate(sorted(trials["algorithm"].unique())):
-            colour = colours.get(algorithm, LIGHT_GREY)
+            style = series_style(number)
             points = _interval_table(trials.loc[trials["algorithm"] == algorithm], "transitions")
             x = points.index.to_numpy(dtype=float)
-            axes.fill_between(
-                x, points["success_rate_low"], points["success_rate_high"], color=colour, alpha=0.18, lw=0
-            )
-            axes.plot(x, points["success_rate"], color=colour, ls=("-", "--", "-.", ":")[number % 4], label=algorithm)
+            low, high = points["success_rate_low"], points["success_rate_high"]
+            axes.fill_between(x, low, high, color=style.colour, alpha=0.18, lw=0)
+            axes.plot(x, points["success_rate"], label=algorithm, markevery=0.1, **style.keywords(5.0))
         axes.set_xlabel("Transitions collected")
         axes.set_ylabel("Success rate of the greedy policy")
         _finish_sweep(figure, axes)
     return figure
 
 
-def training_curves(histories: Mapping[str, pd.DataFrame], x: str, columns: Sequence[str], x_label: str) -> Figure:
+def training_curves(histories: Mapping[str, pd.DataFrame], x: str, columns: Mapping[str, str], x_label: str) -> Figure:
     """Training curves: one panel per column, one line per run that has it.
 
     Args:
         histories: run name -> table with one row per iteration.
         x: column of the horizontal axis; the row number where a run lacks it.
-        columns: to draw; those that no run has are left out.
+        columns: to draw -> title of the panel; those that no run has are left out.
         x_label: label of the horizontal axis.
 
     Raises:
         DataError: no run has any of the columns.
     """
-    columns = [name for name in columns if any(_has_values(history, name) for history in histories.values())]
-    if not columns:
+    drawn_columns = [name for name in columns if any(_has_values(history, name) for history in histories.values())]
+    if not drawn_columns:
         raise DataError("none of the training histories has a column to draw")
-    across = min(3, len(columns))
-    down = -(-len(columns) // across)
+    across = min(2, len(drawn_columns))
+    down = -(-len(drawn_columns) // across)
+    legend_columns = 2 if max(map(len, histories)) <= 26 else 1
     with figure_style():
-        figure = Figure(figsize=(3.1 * across + 0.4, 2.15 * down + 0.6), layout="constrained")
+        height = 1.75 * down + 0.3 + 0.2 * math.ceil(len(histories) / legend_columns)
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
         grid = figure.subplots(down, across, squeeze=False)
-        for axes in grid.flat[len(columns) :]:
+        for axes in grid.flat[len(drawn_columns) :]:
             axes.set_visible(False)
         drawn: dict[str, Any] = {}
-        for axes, column in zip(grid.flat, columns, strict=False):
+        for axes, column in zip(grid.flat, drawn_columns, strict=False):
             for number, (name, history) in enumerate(histories.items()):
                 if not _has_values(history, column):
                     continue
                 kept = history.loc[history[column].notna()]
                 steps = kept[x] if x in kept.columns else pd.Series(range(len(kept)), index=kept.index)
-                marker = "o" if len(kept) <= 12 else None
                 (line,) = axes.plot(
                     np.asarray(steps, dtype=float),
                     np.asarray(kept[column], dtype=float),
-                    color=PALETTE[number % len(PALETTE)],
-                    ls=("-", "--", "-.")[number // len(PALETTE) % 3],
-                    marker=marker,
-                    ms=3.5,
+                    markevery=max(1, len(kept) // 8),
+                    **series_style(number).keywords(4.0),
                 )
                 drawn.setdefault(name, line)
-            axes.set_title(column.replace("_", " ").replace("/", ": "), fontsize=9.5)
+            axes.set_title(columns[column], fontsize=9.5, fontweight="normal")
+            first, last = axes.dataLim.intervalx
+            if first == last:
+                axes.set_xlim(first - 0.5, last + 0.5)
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             axes.yaxis.set_major_locator(MaxNLocator(4))
-        for axes in grid[-1]:
+        for axes in grid.flat[max(0, len(drawn_columns) - across) : len(drawn_columns)]:
             axes.set_xlabel(x_label)
-        figure.legend(list(drawn.values()), list(drawn), loc="outside upper left", ncols=min(3, len(drawn)))
+        figure.legend(list(drawn.values()), list(drawn), loc="outside upper left", ncols=legend_columns)
     return figure
 
 
