@@ -35,7 +35,8 @@ def run(command: list[str], folder: Path) -> str:
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The repository's files, as git or an unpacked archive has them, with the pipeline run once at smoke scale.
 
-    Stages use one worker here, and two when they make the same bytes again. One copy serves all tests of this module: pytest-xdist has to keep files together (--dist loadfile).
+    Stages use one worker here, and two when they make the same bytes again. One copy serves all tests of this module:
+    pytest-xdist has to keep files together (--dist loadfile).
     """
     folder = tmp_path_factory.mktemp("repository")
     for name in ("conf", "pipelines", "visualrhp"):

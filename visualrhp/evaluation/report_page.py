@@ -35,7 +35,7 @@ _SYMBOLS: Final = (
     ("Dropped", "Share of the tasks in which an object falls off the table."),
     (
         "Small numbers",
-        f"{CONFIDENCE:.0%} confidence intervals: Wilson's for rates, Student's for means. The bars of the figures, and "
+        f"{CONFIDENCE:.0%} confidence intervals: Wilson's for rates, bootstrap for means. The bars of the figures, and "
         "the two marks on the bar of a success rate in the tables, show the same.",
     ),
     (
