@@ -1,12 +1,12 @@
-"""The videos of the report: planners are composed and checked before any work starts, then filmed in parallel."""
+"""Videos of planners on tasks: composed and checked before any work starts, then filmed in parallel."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipelines.config import EvaluateConfig, ReportConfig
 from pipelines.workflow.app import compose
@@ -23,7 +23,7 @@ class VideoTask:
     """A planner on a task, to be run and filmed.
 
     Attributes:
-        config: planner, action space, scene (with one number of objects), physics and networks.
+        config: planner, action space, scene, physics, noise and networks.
         scene_index: scene of the page, and index of the task instance.
         fps: frames per second.
         size_px: width.
@@ -81,23 +81,26 @@ def film_task(task: VideoTask) -> Attempt:
     from visualrhp.evaluation.films import encode_film, film_episode
     from visualrhp.evaluation.methods import Method
     from visualrhp.evaluation.report_videos import Attempt
-    from visualrhp.execution.episode import run_task
-    from visualrhp.scene import sample_task_instance
-    from visualrhp.simulation import MAX_EPISODE_ACTIONS, TransitionModel, make_action_space
-    from visualrhp.streams import Split
+    from visualrhp.execution import run_episode, simulated_task
+    from visualrhp.scene import NOISE_LEVELS, sample_task_instance
+    from visualrhp.simulation import MAX_EPISODE_ACTIONS, make_action_space
+    from visualrhp.streams import Split, Stream, generator_for
 
     config, index = task.config, task.scene_index
     space, method = config.action_space.name, Method.of(config.planner).label
-    num_objects = config.scene.num_objects[0]
     if task.is_missing:
-        return Attempt(index, space, method, f"{method}: no network for {num_objects} objects", None)
+        missing = f"{method}: no network for {config.scene.num_objects[0]} objects"
+        return Attempt(index, space, method, missing, None)
     key, action_space = (config.seed, Split.EVALUATION, index), make_action_space(space)
     instance = sample_task_instance(config.scene, *key)
-    planner = build_planner(config.planner, space, num_objects, task.network)
-    result = run_task(planner, instance, *key, action_space=action_space, physics=config.physics)
+    world, model = simulated_task(
+        instance, *key, action_space=action_space, physics=config.physics, noise=NOISE_LEVELS[config.noise_level]
+    )
+    planner = build_planner(config.planner, space, instance.scene.num_objects, task.network)
+    result = run_episode(planner, world, model, generator_for(*key, Stream.PLANNER))
     frames = film_episode(
         result,
-        TransitionModel(instance.scene, action_space, config.physics),
+        world.model,
         title=method,
         max_steps=MAX_EPISODE_ACTIONS,
         size_px=task.size_px,
@@ -107,6 +110,43 @@ def film_task(task: VideoTask) -> Attempt:
     )
     description = f"{method}, {space} actions: {result.outcome}, {result.num_actions} actions"
     return Attempt(index, space, method, description, encode_film(frames, task.fps))
+
+
+def evaluated_task(
+    point: Mapping[str, Any], seed: int, num_objects: int, index: int, fps: int, size_px: int, work: Path
+) -> VideoTask:
+    """An episode of an evaluation, to be run again and filmed.
+
+    Args:
+        point: its setting on the card of the evaluation (:attr:`pipelines.points.Point.card`).
+        seed: of the evaluation.
+        num_objects: m of its scene.
+        index: of the task instance.
+        fps, size_px: of the film.
+        work: folder to which its network is copied.
+
+    Raises:
+        CheckpointError: its network is missing or damaged.
+        ConfigError: the card is of another version.
+    """
+    from pipelines.networks import NetworkFile
+    from pipelines.planners import find_network
+    from visualrhp.parameters import validated
+
+    space = point["action_space"]
+    composed = asdict(compose("evaluate", EvaluateConfig, [f"action_space={space}"]))
+    evaluated = {
+        "planner": point["planner_config"],
+        "scene": point["scene"],
+        "physics": point["physics"],
+        "noise_level": point["noise_level"],
+        "heuristics": point["heuristics"],
+        "seed": seed,
+    }
+    config = validated(EvaluateConfig, composed | evaluated)
+    path = find_network(config.planner, config.action_space.name, config.heuristics, num_objects)
+    network = path and NetworkFile.read(path, path.name).store(work / "networks")
+    return VideoTask(config, index, fps, size_px, network)
 
 
 def film(config: ReportConfig, tasks: Sequence[VideoTask], folder: Path) -> list[SceneVideos]:

@@ -76,6 +76,7 @@ class Point:
             "planner_config": asdict(self.config.planner),
             "scene": asdict(self.config.scene),
             "physics": asdict(self.config.physics),
+            "heuristics": self.config.heuristics,
         }
 
 

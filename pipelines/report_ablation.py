@@ -4,7 +4,8 @@ Reads an evaluation, such as that of ``experiment=ablation``. The artefact is a 
 
 - ``results.md``: tables, figures, the claims of the paper and whether they hold, why episodes fail, the commands;
 - ``episodes.parquet``, ``evaluation.json``: the rows, from which all numbers are computed, and their card;
-- the figures, as SVG and PNG.
+- the figures, as SVG and PNG;
+- ``<kind of failure>.webm``: a film of the commonest of each kind; ``race.webp``: methods side by side on a hard task.
 """
 
 from __future__ import annotations
@@ -16,9 +17,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.workflow.app import app
+from visualrhp.evaluation.methods import method_label
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from pipelines.config import ReportAblationConfig
+    from pipelines.filming import VideoTask
+    from visualrhp.evaluation.films import Film
+    from visualrhp.evaluation.report_videos import Attempt
 
 STAGE = "report_ablation"
 
@@ -64,7 +71,62 @@ def make_results(config: ReportAblationConfig, work: Path) -> Path:
     write_text(artefact / "results.md", results_document(episodes, figures, facts(card), COMMANDS))
     write_episodes(artefact / "episodes.parquet", episodes)
     write_json(artefact / "evaluation.json", card)
+    write_films(config, episodes, card, work, artefact)
     return artefact
+
+
+def write_films(
+    config: ReportAblationConfig, episodes: pd.DataFrame, card: Mapping[str, Any], work: Path, artefact: Path
+) -> None:
+    """Run the commonest failures and the race again, and film them. What does not end as before gets no film."""
+    from tqdm import tqdm
+
+    from pipelines.workflow.executor import run_tasks
+    from visualrhp.evaluation.ablation_results import commonest_failures, film_name, race
+    from visualrhp.evaluation.films import write_comparison
+    from visualrhp.files import atomic_path
+
+    failures = {film_name(kind): row for kind, row in commonest_failures(episodes).items()}
+    racers = race(episodes)
+    rows = [*failures.values(), *racers]
+    tasks = [(number, _task_of(config, row, card, work)) for number, row in enumerate(rows)]
+    films: dict[int, Film] = {}
+    for number, attempt in tqdm(run_tasks(_film, tasks, config.executor), total=len(tasks), desc="films", unit="film"):
+        row = rows[number]
+        if attempt.description.endswith(f": {row['outcome']}, {row['num_actions']} actions"):
+            films[number] = attempt.film
+        else:
+            _log.warning("Task %d of %s ends otherwise than in the evaluation; no film.", row["episode"], row["method"])
+    for number, name in enumerate(failures):
+        if number in films:
+            with atomic_path(artefact / name) as path:
+                path.write_bytes(films[number].data)
+    shown = [films[number] for number in range(len(failures), len(rows)) if number in films]
+    if racers and len(shown) == len(racers):
+        write_comparison(shown, artefact / "race.webp", config.fps, cell_px=config.size_px // 2)
+
+
+def _task_of(config: ReportAblationConfig, row: Mapping[str, Any], card: Mapping[str, Any], work: Path) -> VideoTask:
+    """The episode of a row, to be filmed."""
+    from pipelines.filming import evaluated_task
+    from visualrhp.evaluation.episodes import SETTING_COLUMNS
+
+    (point,) = (
+        point
+        for point in card["points"]
+        if all(
+            str(point[name]) == str(row[name]) for name in SETTING_COLUMNS if name not in ("num_rollouts", "horizon")
+        )
+        and method_label(point["planner"], point["num_rollouts"], point["horizon"]) == row["method"]
+    )
+    return evaluated_task(point, row["seed"], row["num_objects"], row["episode"], config.fps, config.size_px, work)
+
+
+def _film(numbered: tuple[int, VideoTask]) -> tuple[int, Attempt]:
+    from pipelines.filming import film_task
+
+    number, task = numbered
+    return number, film_task(task)
 
 
 def facts(card: Mapping[str, Any]) -> dict[str, str]:

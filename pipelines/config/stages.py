@@ -268,9 +268,13 @@ class ReportAblationConfig(PipelineConfig):
 
     Attributes:
         evaluation: folder made by ``evaluate``.
+        fps: frames per second of the films.
+        size_px: their width and height.
     """
 
     evaluation: str
+    fps: Count
+    size_px: Count
 
 
 @parameters

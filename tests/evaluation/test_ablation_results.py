@@ -9,10 +9,13 @@ import pytest
 
 from tests.evaluation.samples import ablation_table, sample_table
 from visualrhp.evaluation.ablation_results import (
+    RACERS,
+    commonest_failures,
     density_table,
     failures_table,
     main_table,
     pairs_table,
+    race,
     results_document,
 )
 
@@ -61,6 +64,35 @@ def test_methods_are_compared_with_those_that_search_again() -> None:
     assert (line["method"], line["against"], line["tasks"]) == ("Greedy", "K.RRT closed loop", 10)
     assert line["success, points"].startswith("+30.0 (") and line["p"] == "0.25"  # 3 of 3 in favour: 2 / 2^3
     assert pairs_table(sample_table([{**row, "noise_level": "low"} for row in rows])).empty
+
+
+def test_the_commonest_failure_of_each_kind_is_its_first_episode_where_it_is_commonest() -> None:
+    def rows(planner: str, failures: list[str], **more: str) -> list[dict[str, object]]:
+        return [{"planner": planner, "success": f == "none", "failure": f, **more} for f in failures]
+
+    table = sample_table(
+        [
+            *rows("Greedy", ["idle", "jam", "none"]),  # episodes 0 to 2
+            *rows("Greedy", ["none", "idle", "idle"], noise_level="high"),  # 3 to 5
+            *rows("VisualRHP in 5 ms", ["idle"] * 4),
+        ]
+    )
+    found = {kind.value: (row["noise_level"], row["episode"]) for kind, row in commonest_failures(table).items()}
+    assert found == {"idle": ("high", 4), "jam": ("none", 1)}
+
+
+def test_a_race_is_on_a_task_that_the_first_completes_and_the_others_do_not() -> None:
+    wins = {"VisualRHP+": [True, False, True, True], "Greedy": [True, False, False, True], "K.RRT": [False] * 4}
+    setting = {"scene_num_objects": "7", "noise_level": "high"}
+    size = {"VisualRHP+": {"num_rollouts": 3, "horizon": 3}}
+    rows = [
+        {"planner": planner, "episode": episode, "success": success, **setting, **size.get(planner, {})}
+        for planner, successes in wins.items()
+        for episode, success in enumerate(successes)
+    ]
+    assert [(row["method"], row["episode"]) for row in race(sample_table(rows))] == [(name, 2) for name in RACERS]
+    assert race(sample_table(rows[:8])) == [] and race(sample_table([{**rows[0], "noise_level": "low"}])) == []
+    assert race(sample_table([row for row in rows if row["episode"] != 2])) == []
 
 
 def test_the_document_has_every_section_and_no_empty_table() -> None:

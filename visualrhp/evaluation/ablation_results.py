@@ -20,6 +20,11 @@ from visualrhp.evaluation.summaries import duration, failure_counts, main_rows, 
 SEARCHES_AGAIN: Final = ("K.RRT closed loop", "dhRRT")
 """Methods with which others are compared in pairs."""
 
+RACERS: Final = ("VisualRHP+ 3x3", "Greedy", "K.RRT")
+"""Methods that are shown side by side."""
+
+_CELL: Final = ("method", "action_space", "scene_num_objects", "object_size", "layout", "noise_level")
+
 
 def results_document(
     episodes: pd.DataFrame, figures: Sequence[NamedFigure], facts: Mapping[str, str], commands: Sequence[str]
@@ -75,6 +80,8 @@ def results_document(
         parts += [f"![{figure.name}]({figure.stem}.svg)", f"*{figure.name}. {figure.caption}*"]
     for title, caption, table in sections[1:]:
         parts += _section(title, caption, table)
+    if films := film_list(episodes):
+        parts += ["Films of the commonest of each kind:", films]
     return "\n\n".join(parts) + "\n"
 
 
@@ -163,6 +170,65 @@ def failures_table(episodes: pd.DataFrame) -> pd.DataFrame:
         for row in _in_order(table)
     ]
     return pd.DataFrame(lines)
+
+
+def commonest_failures(episodes: pd.DataFrame) -> dict[Failure, dict[str, Any]]:
+    """For each kind of failure, the row of its first episode in the cell where it is commonest.
+
+    Cells of planners with a deadline are left out, since they do not fail the same way again.
+    """
+    labelled = with_labels(episodes)
+    repeatable = labelled.loc[~labelled["planner"].str.contains(" in ")]
+    found: dict[Failure, dict[str, Any]] = {}
+    for kind in Failure:
+        rows = repeatable.loc[repeatable["failure"] == kind.value]
+        if kind is Failure.NONE or rows.empty:
+            continue
+        counts = rows.groupby(list(_CELL), sort=True).size()
+        chosen: Any = counts.index[int(np.argmax(counts))]
+        cell = rows.loc[np.logical_and.reduce([rows[name] == value for name, value in zip(_CELL, chosen, strict=True)])]
+        found[kind] = _row(cell.iloc[0].to_dict())
+    return found
+
+
+def race(episodes: pd.DataFrame) -> list[dict[str, Any]]:
+    """The rows of :data:`RACERS` on one hard task that the first one completed and the others did not.
+
+    Seven objects, high noise, continuous actions; empty if there is no such task.
+    """
+    rows = with_labels(mixed_sizes(episodes))
+    rows = rows.loc[(rows["scene_num_objects"] == "7") & (rows["noise_level"] == "high")]
+    rows = rows.loc[(rows["action_space"] == "continuous") & rows["method"].isin(RACERS)]
+    by_task = rows.pivot_table(index="episode", columns="method", values="success", aggfunc="first")
+    if set(by_task.columns) != set(RACERS):
+        return []
+    first, *others = (by_task[name].fillna(value=False).astype(bool) for name in RACERS)
+    hard = by_task.index[np.logical_and.reduce([first, *(~other for other in others)])]
+    if not len(hard):
+        return []
+    chosen = rows.loc[rows["episode"] == hard[0]].set_index("method")
+    return [_row({"method": name, **chosen.loc[name].to_dict()}) for name in RACERS]
+
+
+def film_list(episodes: pd.DataFrame) -> str:
+    """Links to the films of :func:`commonest_failures`, one line each."""
+    lines = []
+    for kind, row in commonest_failures(episodes).items():
+        noise = "" if row["noise_level"] == "none" else f", noise {row['noise_level']}"
+        lines.append(
+            f"- [{kind.value}]({film_name(kind)}): {row['method']}, {row['action_space']} actions, "
+            f"{row['num_objects']} objects{noise}, task {row['episode']}"
+        )
+    return "\n".join(lines)
+
+
+def film_name(kind: Failure) -> str:
+    """Name of the file of a film of :func:`commonest_failures`."""
+    return f"{kind.value.replace(' ', '_')}.webm"
+
+
+def _row(values: Mapping[Any, Any]) -> dict[str, Any]:
+    return {str(name): value for name, value in values.items()}
 
 
 def _in_order(table: pd.DataFrame) -> list[dict[str, Any]]:

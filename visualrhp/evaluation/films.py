@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from visualrhp.execution.episode import EpisodeResult
+from visualrhp.files import atomic_path
 from visualrhp.planning.planner import Decision
 from visualrhp.rendering.drawing import DEFAULT_SIZE_PX
 from visualrhp.rendering.episode_renderer import episode_frames
@@ -128,21 +129,35 @@ def write_comparison(films: Sequence[Film], path: Path, fps: float, *, columns: 
 
     Args:
         films: at least one, all of one size.
-        path: a file name that ends in ``.webm``.
+        path: a file name that ends in ``.webm``; or in ``.webp`` for a picture that moves in a loop, which pages show
+            without a player.
         fps: frames a second.
         columns: of the grid.
         cell_px: width to which wider films are reduced.
     """
-
-    def small(frame: Frame) -> Frame:
-        scale = min(1.0, cell_px / frame.shape[1])
-        size = (round(scale * frame.shape[1]), round(scale * frame.shape[0]))
-        return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
     decoded = []
     with tempfile.TemporaryDirectory() as folder:
         for number, film in enumerate(films):
             source = Path(folder) / f"{number}.webm"
             source.write_bytes(film.data)
-            decoded.append([small(frame) for frame in read_video(source)])
-    write_video(path, side_by_side(decoded, columns=min(columns, len(decoded))), fps)
+            decoded.append([_reduced(frame, cell_px) for frame in read_video(source)])
+    frames = side_by_side(decoded, columns=min(columns, len(decoded)))
+    if path.suffix == ".webp":
+        _write_loop(path, frames, fps)
+    else:
+        write_video(path, frames, fps)
+
+
+def _reduced(frame: Frame, width: int) -> Frame:
+    scale = min(1.0, width / frame.shape[1])
+    size = (round(scale * frame.shape[1]), round(scale * frame.shape[0]))
+    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _write_loop(path: Path, frames: Iterable[Frame], fps: float) -> None:
+    from PIL import Image
+
+    first, *others = (Image.fromarray(frame) for frame in frames)
+    options = {"duration": round(1e3 / fps), "loop": 0, "quality": 60, "method": 4}
+    with atomic_path(path) as temporary:
+        first.save(temporary, format="WEBP", save_all=True, append_images=others, **options)
