@@ -31,8 +31,8 @@ def test_the_page_has_the_numbers_of_the_episodes() -> None:
     text = words_of(page_of(report_table()))
     assert "VisualRHP 3x3 completes 90% of the tasks (65% to 98%) with continuous actions" in text
     assert "Greedy 50%" in text and "K.RRT 100%" in text
-    # success [Wilson], efficiency of the nine completed tasks [t], time, decision, dropped, episodes
-    row = "VisualRHP 3x3 continuous 90% 65–98 0.34 0.21–0.48 510 ms 510–510 ms 50 ms 10% 10"
+    # success [Wilson], efficiency of the nine completed tasks [bootstrap], time, decision, dropped, episodes
+    row = "VisualRHP 3x3 continuous 90% 65–98 0.34 0.24–0.46 510 ms 510–510 ms 50 ms 10% 10"
     assert row in text
     assert "VisualRHP 3x3 with continuous actions has no network for some numbers of objects: 9 of 39 tasks" in text
     assert "0123456789" in text and "180" in text
