@@ -51,9 +51,7 @@ def test_the_page_begins_with_what_was_learned_about_methods() -> None:
     plus = own.assign(planner="VisualRHP+", success=True, num_actions=5)
     search = own.assign(planner="K.RRT closed loop", num_rollouts=None, horizon=None, success=True, num_actions=8)
     text = words_of(page_of(pd.concat([table, plus, search], ignore_index=True)))
-    assert (
-        "(VisualRHP+ 3x3) does not complete significantly more or fewer tasks than searching for a plan" in text
-    )
+    assert "(VisualRHP+ 3x3) does not complete significantly more or fewer tasks than searching for a plan" in text
     assert "with shorter plans (−3.0 actions, p = 0.002)" in text
 
 
