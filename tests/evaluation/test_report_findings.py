@@ -30,17 +30,18 @@ def test_two_sentences_say_what_search_learning_and_looking_ahead_change() -> No
     ]
     assert findings_of(PLUS, *others) == [
         "On the same 20 tasks with continuous actions, a learned policy that looks a few actions ahead (VisualRHP+ "
-        "3x3) completes about as many tasks as searching for a plan again in every unforeseen state (K.RRT closed "
-        "loop), with shorter plans (−3.0 actions, p < 0.001).",
+        "3x3) does not complete significantly more or fewer tasks than searching for a plan again in every unforeseen "
+        "state (K.RRT closed loop) (+0.0%, p = 1), with shorter plans (−3.0 actions, p < 0.001).",
         "Compared with VisualRHP+ 3x3, its network alone (Greedy) completes fewer tasks (−50.0%, p = 0.002), with "
-        "plans of about the same length; a handcrafted formula in place of its network (CraftedHeuristicRHP+ 8x4) "
-        "completes about as many tasks, with longer plans (+8.0 actions, p < 0.001).",
+        "plans that are not significantly longer or shorter (+0.0 actions, p = 1); a handcrafted formula in place of "
+        "its network (CraftedHeuristicRHP+ 8x4) does not complete significantly more or fewer tasks (+0.0%, p = 1), "
+        "with longer plans (+8.0 actions, p < 0.001).",
     ]
 
 
 def test_a_difference_that_may_be_chance_is_not_called_one() -> None:
     (sentence,) = findings_of(PLUS, episodes_of("Greedy", 16, 6))  # McNemar: p = 0.125
-    assert "(Greedy) completes about as many tasks, with longer plans (+1.0 actions, p < 0.001)" in sentence
+    assert "(Greedy) does not complete significantly more or fewer tasks (−20.0%, p = 0.12), with longer" in sentence
     (sentence,) = findings_of(PLUS, episodes_of("dhRRT", 0, 8))
     assert sentence.endswith("searching for a plan again after every part of the way (dhRRT) (+100.0%, p < 0.001).")
 

@@ -90,23 +90,18 @@ def _first_space(main: pd.DataFrame) -> tuple[str, pd.DataFrame]:
 
 def _predicate(row: Mapping[str, float], reference: str) -> str:
     """A row of a comparison in words: "completes more tasks than <reference>, with shorter plans", and the numbers."""
-    tasks = _difference(row["success_difference"], row["success_p"], "more tasks", "fewer tasks")
-    than = f" than {reference}" if reference else ""
-    numbers = f" ({_signed(100.0 * row['success_difference'])}%, {_p(row['success_p'])})"
-    if not tasks:
-        tasks, than, numbers = "about as many tasks", than.replace(" than ", " as ", 1), ""
-    predicate = f"completes {tasks}{than}{numbers}"
-    actions = row["actions_difference"]
+    success, p = row["success_difference"], row["success_p"]
+    if p < SIGNIFICANCE:
+        words = f"completes {'more' if success > 0 else 'fewer'} tasks{f' than {reference}' if reference else ''}"
+    else:
+        words = f"does not complete significantly more or fewer tasks{f' than {reference}' if reference else ''}"
+    predicate = f"{words} ({_signed(100.0 * success)}%, {_p(p)})"
+    actions, p = row["actions_difference"], row["actions_p"]
     if math.isnan(actions):  # no task that both completed
         return predicate
-    plans = _difference(actions, row["actions_p"], "longer plans", "shorter plans")
-    numbers = f" ({_signed(actions)} actions, {_p(row['actions_p'])})"
-    return f"{predicate}, with {plans}{numbers}" if plans else f"{predicate}, with plans of about the same length"
-
-
-def _difference(value: float, p: float, more: str, less: str) -> str:
-    """``more`` or ``less``; empty for a difference that is not significant."""
-    return "" if not p < SIGNIFICANCE else more if value > 0 else less
+    length = "longer" if actions > 0 else "shorter"
+    plans = f"{length} plans" if p < SIGNIFICANCE else "plans that are not significantly longer or shorter"
+    return f"{predicate}, with {plans} ({_signed(actions)} actions, {_p(p)})"
 
 
 def _signed(value: float) -> str:

@@ -40,8 +40,8 @@ _SYMBOLS: Final = (
     ),
     (
         "p",
-        f"The probability of such a difference, or a larger one, if the methods were equal. Below {SIGNIFICANCE:g} the "
-        "text names a difference, else it says: about as many tasks, plans of about the same length.",
+        f"The probability of such a difference, or a larger one, if the methods were equal. From {SIGNIFICANCE:g} "
+        "a difference is not called significant: there may be none, or too few tasks to show it.",
     ),
 )
 """What is to be known to read the tables and figures."""

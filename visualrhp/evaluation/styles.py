@@ -159,7 +159,7 @@ def figure_style() -> Iterator[None]:
         "lines.linewidth": 1.5,
         "legend.frameon": False,
         "legend.fontsize": 9.5,
-        "legend.handlelength": 1.9,
+        "legend.handlelength": 2.6,
         "text.color": INK,
         "xtick.color": FAINT,
         "ytick.color": FAINT,
@@ -207,7 +207,7 @@ def to_svg(figure: Figure) -> str:
 def key_svg(style: LineStyle) -> str:
     """A piece of a line in this style as an ``<svg>`` element: the key to the figures in text and tables."""
     with figure_style():
-        figure = Figure(figsize=(0.36, 0.16))
+        figure = Figure(figsize=(0.44, 0.16))
         figure.add_artist(Line2D([0.0, 1.0], [0.5, 0.5], **style.keywords(None)))
         figure.add_artist(Line2D([0.5], [0.5], **style.keywords(6.5)))
     return to_svg(figure)
