@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -40,7 +41,7 @@ class RobotEpisode:
     motions: tuple[PlannedMotion, ...]
     wall_time_s: float
     cell_time_s: float
-    frames: tuple[Frame, ...] = ()
+    frames: Iterable[Frame] = ()
 
     @property
     def latency_summary(self) -> dict[str, float]:
@@ -132,7 +133,7 @@ def _run(
         tuple(world.motions) if isinstance(world, DryRunWorld) else (),
         time.perf_counter() - begun,
         robot.cell.now() - cell_begun,
-        () if recorder is None else tuple(recorder.frames),
+        () if recorder is None else recorder.frames,
     )
 
 

@@ -89,9 +89,10 @@ def test_a_scenario_is_played_and_filmed() -> None:
     config = configure("scenario=low_clutter")
     episode = run_robot(config, 0, video=config.video)
     assert episode.result.num_objects == 3
-    shapes = {frame.shape for frame in episode.frames}
+    frames = list(episode.frames)
+    shapes = {frame.shape for frame in frames}
     assert len(shapes) == 1 and next(iter(shapes))[1] == 3 * 64
-    assert len(episode.frames) > 3 * episode.result.num_actions
+    assert len(frames) > 3 * episode.result.num_actions
     assert "low_clutter" in pipeline.file_stem(config)
 
 

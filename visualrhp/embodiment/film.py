@@ -46,7 +46,7 @@ class FilmedCell(RobotCell):
         side_view: returns a picture of the cell from the side; None if there is none.
 
     Attributes:
-        snapshots: so far.
+        snapshots: since they were last removed.
 
     Raises:
         ConfigError: ``fps`` is not positive.
@@ -149,8 +149,7 @@ class FilmRecorder(EpisodeListener):
         self._states: list[State] = []
         self._paths: Sequence[ImaginedPath] = ()
         self._decision_s: float | None = None
-        self._frames: list[Frame] = []
-        self._num_shown = 0
+        self._frames: list[bytes] = []  # JPEG: of a long episode, there are thousands
         self._has_ended = False
 
     def observed(self, state: State, outcome: Outcome | None) -> None:
@@ -163,8 +162,8 @@ class FilmRecorder(EpisodeListener):
     def decided(self, decision: TimedDecision) -> None:
         self._paths, self._decision_s = self._imagined(decision), decision.time_s
         picture = self._compose(self._cell.take_picture(), self._planned(self._paths), marked=True)
-        self._num_shown = len(self._cell.snapshots)
-        self._frames += [picture] * self._decision_frames
+        self._cell.snapshots.clear()
+        self._show(picture, self._decision_frames)
 
     def end(self, outcome: Outcome) -> None:
         """Show the end of the episode, if no observed state was the last: it was stopped by a fault, for instance."""
@@ -176,19 +175,26 @@ class FilmRecorder(EpisodeListener):
     @property
     def frames(self) -> Iterator[Frame]:
         """Frames so far, all of one size."""
-        return iter(self._frames)
+        for data in self._frames:
+            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+            assert picture is not None  # it was encoded by this object
+            yield np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+    def _show(self, picture: Frame, times: int = 1) -> None:
+        _, data = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95])
+        self._frames += [data.tobytes()] * times
 
     def _end(self, outcome: Outcome) -> None:
         self._has_ended = True
         picture = self._compose(self._cell.take_picture(), self._planned(()), marked=True, outcome=outcome)
-        self._num_shown = len(self._cell.snapshots)
-        self._frames += [picture] * self._hold
+        self._cell.snapshots.clear()
+        self._show(picture, self._hold)
 
     def _show_motion(self, planned: Frame) -> None:
         if self._states:
-            for snapshot in self._cell.snapshots[self._num_shown :]:
-                self._frames.append(self._compose(snapshot, planned))
-        self._num_shown = len(self._cell.snapshots)
+            for snapshot in self._cell.snapshots:
+                self._show(self._compose(snapshot, planned))
+        self._cell.snapshots.clear()
 
     def _planned(self, paths: Sequence[ImaginedPath]) -> Frame:
         if not self._states:
