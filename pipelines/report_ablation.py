@@ -93,7 +93,8 @@ def write_films(
     films: dict[int, Film] = {}
     for number, attempt in tqdm(run_tasks(_film, tasks, config.executor), total=len(tasks), desc="films", unit="film"):
         row = rows[number]
-        if attempt.description.endswith(f": {row['outcome']}, {row['num_actions']} actions"):
+        as_before = attempt.description.endswith(f": {row['outcome']}, {row['num_actions']} actions")
+        if as_before and attempt.film is not None:
             films[number] = attempt.film
         else:
             _log.warning("Task %d of %s ends otherwise than in the evaluation; no film.", row["episode"], row["method"])

@@ -51,7 +51,7 @@ def test_failures_are_those_of_all_rows_of_mixed_size() -> None:
     rows = EPISODES.loc[EPISODES["object_size"] == "mixed"]
     counted = int(table.drop(columns=["method", "actions", "episodes"]).to_numpy().sum())
     assert counted == len(rows) - np.count_nonzero(rows["success"]) > 0
-    assert table["episodes"].sum() == len(rows)
+    assert int(np.sum(table["episodes"])) == len(rows)
 
 
 def test_methods_are_compared_with_those_that_search_again() -> None:
