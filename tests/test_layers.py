@@ -84,7 +84,13 @@ def test_only_what_is_declared_is_imported() -> None:
     extras = {name: needs for name, needs in project["optional-dependencies"].items() if name != "test"}
     requirements = [*project["dependencies"], *itertools.chain(*extras.values())]
     declared = {re.split(r"[\[>]", requirement)[0].lower().replace("-", "_") for requirement in requirements}
-    of_module = {"cv2": "opencv_python_headless", "hydra": "hydra_core", "ruamel": "ruamel.yaml", "yaml": "pyyaml"}
+    of_module = {
+        "PIL": "pillow",
+        "cv2": "opencv_python_headless",
+        "hydra": "hydra_core",
+        "ruamel": "ruamel.yaml",
+        "yaml": "pyyaml",
+    }
     for path in [*MODULES, *(PACKAGE.parent / "pipelines").rglob("*.py")]:
         for line, module in imported_modules(path):
             top = module.split(".")[0]
