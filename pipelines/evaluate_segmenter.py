@@ -94,10 +94,11 @@ def score_cell(config: EvaluateSegmenterConfig, index: int) -> tuple[int, dict[s
     from dataclasses import asdict
 
     from visualrhp.embodiment.segmentation.cell_frames import seen_objects, visits
+    from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
     from visualrhp.embodiment.segmentation.scores import score_frame
     from visualrhp.streams import Split
 
-    segmenter = _segmenter(str(network_path(config)))
+    segmenter = OnnxSegmenter(network_path(config))
     scores: dict[str, list[dict[str, Any]]] = {_NETWORK: [], _TRUTH: []}
     for cell in visits(index, config.cell, config.sampling, config.seed, Split.EVALUATION):
         objects = seen_objects(cell)
@@ -112,10 +113,11 @@ def pictures(config: EvaluateSegmenterConfig, frames: list[tuple[int, int]]) -> 
     import numpy as np
 
     from visualrhp.embodiment.segmentation.cell_frames import seen_objects, visits
+    from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
     from visualrhp.embodiment.segmentation.overlays import overlay
     from visualrhp.streams import Split
 
-    segmenter = _segmenter(str(network_path(config)))
+    segmenter = OnnxSegmenter(network_path(config))
     shown = []
     for index, wanted in frames:
         for number, cell in enumerate(visits(index, config.cell, config.sampling, config.seed, Split.EVALUATION)):
@@ -126,14 +128,6 @@ def pictures(config: EvaluateSegmenterConfig, frames: list[tuple[int, int]]) -> 
     shown += [np.zeros_like(shown[0])] * (-len(shown) % 2)
     rows = [np.concatenate(shown[start : start + 2], axis=1) for start in range(0, len(shown), 2)]
     return np.concatenate(rows)
-
-
-@functools.lru_cache(maxsize=1)
-def _segmenter(path: str) -> Any:
-    """The network, read once by each worker."""
-    from visualrhp.embodiment.segmentation.onnx_segmenter import OnnxSegmenter
-
-    return OnnxSegmenter(path)
 
 
 if __name__ == "__main__":

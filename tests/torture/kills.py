@@ -101,7 +101,12 @@ STAGES = (
     Stage("evaluate_segmenter", ("num_cells=12", "cell.num_objects=3"), "segmenter/evaluation"),
     Stage("execute", (*_ROBOT, "index=1", "tracking=mlflow"), "execute"),
     Stage("evaluate_execution", (*_ROBOT, "num_episodes=8"), "evaluate_execution"),
-    Stage("report_execution", ("evaluations={inputs}/evaluate_execution",), "report_execution", is_tracked=False),
+    Stage(
+        "report_execution",
+        ("evaluations={inputs}/evaluate_execution", "method=K.RRT"),
+        "report_execution",
+        is_tracked=False,
+    ),
 )
 _READ_BY_OTHERS = (
     "generate_demos/discrete",
@@ -190,7 +195,8 @@ def contents(folder: Path) -> dict[str, Any]:
             found[name] = table.to_csv()
         elif path.suffix == ".csv":
             table = pd.read_csv(path)
-            found[name] = table[[column for column in table if "time" not in str(column)]].to_csv()
+            columns = [column for column in table if "time" not in str(column) and not _TIMES.search(str(column))]
+            found[name] = table[columns].to_csv()
         elif folder.name in ("report", "report_ablation", "play", "execute") and path.suffix in (
             ".html",
             ".svg",

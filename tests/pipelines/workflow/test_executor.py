@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipelines.config import ExecutorConfig
+from pipelines.workflow import executor as executor_module
 from pipelines.workflow.executor import run_tasks, single_threaded, worker_count
 from visualrhp.errors import SimulationError
 
+PIPELINES = Path(executor_module.__file__).parents[1]
 ONE = ExecutorConfig(name="loky", num_workers=1, address=None)
 TWO = ExecutorConfig(name="loky", num_workers=2, address=None)
 
@@ -88,3 +92,17 @@ def test_threads_are_as_before_afterwards() -> None:
 def test_worker_count() -> None:
     assert worker_count(TWO) == 2
     assert (worker_count(ExecutorConfig("loky", None, None)) or 0) >= 1
+
+
+def test_pipelines_cache_nothing_in_the_modules_that_they_run_as() -> None:
+    """What is in ``__main__`` is sent to workers by its source, but cached functions are looked up there by name."""
+    for path in PIPELINES.glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if "@app(" in text:
+            decorators = [
+                ast.unparse(decorator)
+                for node in ast.parse(text).body
+                if isinstance(node, ast.FunctionDef)
+                for decorator in node.decorator_list
+            ]
+            assert not [name for name in decorators if "cache" in name], path.name
