@@ -1,4 +1,4 @@
-"""A recorded motion is the simulated one, to the bit, and bodies do not pass through each other in it."""
+"""A recorded motion is exactly the simulated one, and bodies do not pass through each other in it."""
 
 from __future__ import annotations
 

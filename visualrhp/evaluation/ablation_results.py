@@ -81,7 +81,7 @@ def results_document(
     for title, caption, table in sections[1:]:
         parts += _section(title, caption, table)
     if films := film_list(episodes):
-        parts += ["Films of the commonest of each kind:", films]
+        parts += ["Films of the commonest of each kind, where it fails the same way when it is run again:", films]
     return "\n\n".join(parts) + "\n"
 
 

@@ -69,7 +69,7 @@ def percent_axis(axes: Axes) -> None:
 
 
 def spacing(positions: Sequence[Any]) -> float:
-    """The smallest distance between ``positions`` on an axis; 1 for a single one, and for sizes."""
+    """The smallest distance between ``positions`` on an axis; 1.0 for a single position, and for sizes."""
     if any(isinstance(position, str) for position in positions):
         return 1.0
     ordered = sorted(positions)

@@ -1,6 +1,6 @@
 """Poses during a motion, for films.
 
-A simulator is Markov to the bit, so nothing is recorded while an episode runs: its actions are simulated again, in a
+A simulator is exactly Markov, so nothing is recorded while an episode runs: its actions are simulated again, in a
 simulator that reads the poses after every time step. Reading changes nothing.
 """
 
